@@ -1,0 +1,1 @@
+"""Named corpora, one a file: which files, splits, joints, frame rate, known faults."""

@@ -1,0 +1,1 @@
+"""Tensors in, tensors out: quaternions, rotations, Euler angles. Knows nothing of joints."""

@@ -1,0 +1,1 @@
+"""Backbones, heads, the forecaster, its rollout, and baselines without a network."""

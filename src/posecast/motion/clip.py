@@ -1,0 +1,134 @@
+"""Clip, one recording in canonical form, and Motion, a batch of pieces of clips."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from posecast.errors import DataError, SkeletonError
+from posecast.skeleton import Skeleton
+
+
+class Motion(NamedTuple):
+    """A batch of equally long pieces of motion on one skeleton: what predictors read and return.
+
+    Args:
+        rotations_local: unit quaternions (w, x, y, z) relative to the parent.
+        root_positions: position of the first root in the world, metres.
+        offsets: translation of each joint from its parent in the rest pose, metres.
+    """
+
+    rotations_local: Float[Tensor, "batch frames joints 4"]
+    root_positions: Float[Tensor, "batch frames 3"]
+    offsets: Float[Tensor, "batch joints 3"]
+
+
+@dataclass(frozen=True, eq=False)
+class Clip:
+    """One recording: skeleton, body, frame rate and motion. Metres, y up, (w, x, y, z), seconds.
+
+    The world position of a root is ``root_positions`` plus that root's own offset, which readers
+    set to zero for the first root.
+
+    Args:
+        skeleton: names and parents of the joints.
+        offsets: translation of each joint from its parent in the rest pose, metres.
+        fps: frames per second.
+        root_positions: one world position a frame, metres.
+        rotations_local: unit quaternions relative to the parent; for a root, to the world.
+        translations_local: only for clips whose bones really move: the translation of every
+            joint from its parent, frame by frame, in place of ``offsets``. ``None`` otherwise.
+        name: what to call the clip in tables and messages, usually the file's stem.
+        labels: facts about the recording, such as ``subject``, ``action``, ``style``.
+        tracks: further values a frame, such as ``phase`` (T,) or ``contacts`` (T, 2); the frame
+            axis comes first.
+        source: conventions of the file it was read from, kept by the reader for the writer.
+    """
+
+    skeleton: Skeleton
+    offsets: Float[Tensor, "joints 3"]
+    fps: float
+    root_positions: Float[Tensor, "frames 3"]
+    rotations_local: Float[Tensor, "frames joints 4"]
+    translations_local: Float[Tensor, "frames joints 3"] | None = None
+    name: str = ""
+    labels: Mapping[str, str] = field(default_factory=dict)
+    tracks: Mapping[str, Tensor] = field(default_factory=dict)
+    source: object | None = None
+
+    def __post_init__(self) -> None:
+        joints, frames = len(self.skeleton), self.frames
+        if self.offsets.shape != (joints, 3) or self.rotations_local.shape[1:] != (joints, 4):
+            raise SkeletonError(
+                f"clip {self.name!r}: offsets {tuple(self.offsets.shape)} and rotations "
+                f"{tuple(self.rotations_local.shape)} do not fit a skeleton of {joints} joints"
+            )
+        if self.rotations_local.shape[0] != frames:
+            raise DataError(
+                self.name or "clip",
+                f"{frames} root positions but {self.rotations_local.shape[0]} frames of rotations",
+            )
+        if not self.fps > 0:
+            raise DataError(self.name or "clip", f"{self.fps} frames per second; expected > 0")
+        for track, values in self.tracks.items():
+            if len(values) != frames:
+                raise DataError(
+                    self.name or "clip",
+                    f"track {track!r} has {len(values)} values for {frames} frames",
+                )
+
+    @property
+    def frames(self) -> int:
+        """Number of frames."""
+        return self.root_positions.shape[0]
+
+    @property
+    def duration(self) -> float:
+        """Length in seconds, frames divided by frames per second."""
+        return self.frames / self.fps
+
+    def cut(self, start: int, stop: int) -> Clip:
+        """Frames ``start`` up to, not including, ``stop``; tracks are cut along."""
+        if not 0 <= start < stop <= self.frames:
+            raise DataError(
+                self.name or "clip",
+                f"frames {start} to {stop} asked for, the clip has {self.frames}",
+            )
+        piece = slice(start, stop)
+        return replace(
+            self,
+            root_positions=self.root_positions[piece],
+            rotations_local=self.rotations_local[piece],
+            translations_local=(
+                None if self.translations_local is None else self.translations_local[piece]
+            ),
+            tracks={track: values[piece] for track, values in self.tracks.items()},
+        )
+
+    def to(self, dtype: torch.dtype) -> Clip:
+        """The same clip with every floating-point tensor in another precision."""
+        moved = self.translations_local
+        return replace(
+            self,
+            offsets=self.offsets.to(dtype),
+            root_positions=self.root_positions.to(dtype),
+            rotations_local=self.rotations_local.to(dtype),
+            translations_local=None if moved is None else moved.to(dtype),
+            tracks={
+                track: values.to(dtype) if values.is_floating_point() else values
+                for track, values in self.tracks.items()
+            },
+        )
+
+    def motion(self) -> Motion:
+        """The clip as a batch of one."""
+        return Motion(
+            rotations_local=self.rotations_local[None],
+            root_positions=self.root_positions[None],
+            offsets=self.offsets[None],
+        )

@@ -1,0 +1,1 @@
+"""How a pose is written as numbers, and those numbers for a network."""

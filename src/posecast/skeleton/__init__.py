@@ -1,0 +1,5 @@
+"""Topology and kinematics of skeletons."""
+
+from posecast.skeleton.skeleton import Skeleton
+
+__all__ = ["Skeleton"]

@@ -1,0 +1,1 @@
+"""One training run: losses, feeding, sampling, the Lightning module."""

@@ -1,0 +1,1 @@
+"""Stills, strips, GIF and MP4 without a display."""
