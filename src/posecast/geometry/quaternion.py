@@ -14,6 +14,42 @@ def identity(*shape: int, like: Tensor) -> Float[Tensor, "*shape 4"]:
     return result
 
 
+def about_axis(
+    axis: Float[Tensor, "*#batch 3"], angle: Float[Tensor, "*#batch"]
+) -> Float[Tensor, "*batch 4"]:
+    """Rotation by ``angle`` (radians) about ``axis``, counterclockwise seen from its tip.
+
+    The axis need not have unit length; about an axis of zero length nothing turns.
+    """
+    unit = _unit_vector(axis)
+    half = angle[..., None] / 2
+    w, u = torch.cos(half), unit * torch.sin(half)
+    w = torch.where((unit == 0).all(-1, keepdim=True), torch.ones_like(w), w)
+    return torch.cat([w.expand(*u.shape[:-1], 1), u], dim=-1)
+
+
+def between(
+    start: Float[Tensor, "*#batch 3"], end: Float[Tensor, "*#batch 3"]
+) -> Float[Tensor, "*batch 4"]:
+    """Shortest rotation that turns the direction ``start`` into the direction ``end``.
+
+    Lengths do not matter. Opposite directions: a half turn about some axis perpendicular to
+    ``start``. A vector without direction (length zero): the identity.
+
+    Source: q = (a . h, a x h), where a is the unit start and h halves the angle to the end.
+    """
+    a, b = torch.broadcast_tensors(_unit_vector(start), _unit_vector(end))
+    total = a + b
+    noise = 8 * torch.finfo(a.dtype).eps
+    opposite = (total * total).sum(-1, keepdim=True) < noise * noise
+    aside = torch.nn.functional.one_hot(a.detach().abs().argmin(-1), 3).to(a.dtype)
+    halfway = torch.where(opposite, torch.linalg.cross(a, aside), total)
+    halfway = _unit_vector(halfway)
+    turn = torch.cat([(a * halfway).sum(-1, keepdim=True), torch.linalg.cross(a, halfway)], dim=-1)
+    undefined = (a == 0).all(-1, keepdim=True) | (b == 0).all(-1, keepdim=True)
+    return torch.where(undefined, identity(*turn.shape[:-1], like=turn), normalize(turn))
+
+
 def product(
     left: Float[Tensor, "*#batch 4"], right: Float[Tensor, "*#batch 4"]
 ) -> Float[Tensor, "*batch 4"]:
@@ -33,20 +69,23 @@ def product(
 
 def conjugate(rotation: Float[Tensor, "*batch 4"]) -> Float[Tensor, "*batch 4"]:
     """Conjugate; for unit quaternions the inverse rotation."""
-    return rotation * rotation.new_tensor([1.0, -1.0, -1.0, -1.0])
+    return torch.cat([rotation[..., :1], -rotation[..., 1:]], dim=-1)
+
+
+def inverse(quaternion: Float[Tensor, "*batch 4"]) -> Float[Tensor, "*batch 4"]:
+    """Multiplicative inverse of a quaternion of any length but zero (that one gives infinities)."""
+    return conjugate(quaternion) / (quaternion * quaternion).sum(-1, keepdim=True)
 
 
 def normalize(
     quaternion: Float[Tensor, "*batch 4"], eps: float = 1e-12
 ) -> Float[Tensor, "*batch 4"]:
-    """Scale to unit length; a quaternion of zero length becomes the identity."""
+    """Scale to unit length; a quaternion shorter than ``eps`` becomes the identity."""
     squared = (quaternion * quaternion).sum(-1, keepdim=True)
     vanishing = squared < eps * eps
     safe = torch.where(vanishing, torch.ones_like(squared), squared)
     unit = quaternion * torch.rsqrt(safe)
-    one = torch.zeros_like(quaternion)
-    one[..., 0] = 1
-    return torch.where(vanishing, one, unit)
+    return torch.where(vanishing, identity(*unit.shape[:-1], like=unit), unit)
 
 
 def rotate(
@@ -64,3 +103,104 @@ def rotate(
     u, v = torch.broadcast_tensors(rotation[..., 1:], vector)
     t = 2 * torch.linalg.cross(u, v)
     return v + w * t + torch.linalg.cross(u, t)
+
+
+def exp(axis_angle: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 4"]:
+    """Unit quaternion of a rotation vector (axis times angle in radians), of any length.
+
+    At the zero vector it is the identity, with the gradient of its Taylor series.
+    """
+    squared = (axis_angle * axis_angle).sum(-1, keepdim=True)
+    small = squared < torch.finfo(squared.dtype).eps ** 0.5
+    angle = torch.sqrt(torch.where(small, torch.ones_like(squared), squared))
+    series = 0.5 - squared / 48 + squared * squared / 3840
+    scale = torch.where(small, series, torch.sin(angle / 2) / angle)
+    w = torch.where(small, 1 - squared / 8 + squared * squared / 384, torch.cos(angle / 2))
+    return torch.cat([w, axis_angle * scale], dim=-1)
+
+
+def log(rotation: Float[Tensor, "*batch 4"]) -> Float[Tensor, "*batch 3"]:
+    """Rotation vector (axis times angle in radians) of a unit quaternion, at most pi long.
+
+    ``q`` and ``-q`` give the same vector, except at the half turn, where either of its two
+    axes is right and the sign of the quaternion chooses. The gradient is finite everywhere.
+    """
+    upper = torch.where(rotation[..., :1] < 0, -rotation, rotation)
+    w, u = upper[..., :1], upper[..., 1:]
+    squared = (u * u).sum(-1, keepdim=True)
+    small = squared < torch.finfo(squared.dtype).eps ** 0.5
+    sine = torch.sqrt(torch.where(small, torch.ones_like(squared), squared))
+    cosine = torch.where(small, w, torch.ones_like(w))
+    tangent = squared / (cosine * cosine).clamp_min(torch.finfo(w.dtype).tiny)
+    tangent = torch.where(small, tangent, torch.zeros_like(tangent))
+    series = (2 - tangent * (2 / 3) + tangent * tangent * (2 / 5)) / cosine
+    scale = torch.where(small, series, 2 * torch.atan2(sine, w) / sine)
+    return u * scale
+
+
+def power(
+    rotation: Float[Tensor, "*#batch 4"], exponent: Float[Tensor, "*#batch"] | float
+) -> Float[Tensor, "*batch 4"]:
+    """Turn by a multiple of the rotation's angle (the short way round) about the same axis."""
+    if isinstance(exponent, Tensor):
+        exponent = exponent[..., None]
+    return exp(log(rotation) * exponent)
+
+
+def angle(
+    first: Float[Tensor, "*#batch 4"], second: Float[Tensor, "*#batch 4"]
+) -> Float[Tensor, "*batch"]:
+    """Angle in radians, 0 to pi, between two rotations; the sign of a quaternion does not count.
+
+    Its gradient is zero, not undefined, where both are equal. Accurate at small angles too,
+    where an arc cosine of the dot product is not.
+    """
+    difference = product(conjugate(first), second)
+    squared = (difference[..., 1:] * difference[..., 1:]).sum(-1)
+    same = squared < torch.finfo(squared.dtype).tiny
+    sine = torch.sqrt(torch.where(same, torch.ones_like(squared), squared))
+    turned = 2 * torch.atan2(sine, difference[..., 0].abs())
+    return torch.where(same, torch.zeros_like(turned), turned)
+
+
+def slerp(
+    start: Float[Tensor, "*#batch 4"],
+    end: Float[Tensor, "*#batch 4"],
+    fraction: Float[Tensor, "*#batch"] | float,
+) -> Float[Tensor, "*batch 4"]:
+    """Turn from ``start`` (fraction 0) to ``end`` (fraction 1) at constant speed, the short way.
+
+    The result continues the sign of ``start``; at fraction 1 it may therefore be ``-end``.
+    """
+    return product(start, power(product(conjugate(start), end), fraction))
+
+
+def unroll(rotations: Float[Tensor, "*shape 4"], dim: int = -3) -> Float[Tensor, "*shape 4"]:
+    """Choose signs so that neighbors along ``dim`` lie in one hemisphere; the first stays as it is.
+
+    Args:
+        rotations: by default (..., frames, joints, 4), continued along the frames.
+        dim: the axis of time; not the last one, which holds the components.
+
+    Source: the antipodal correction of Pavllo et al. 2018, as a running product of signs.
+    """
+    frames = rotations.shape[dim]
+    if frames < 2:
+        return rotations.clone()
+    with torch.no_grad():
+        earlier = rotations.narrow(dim, 0, frames - 1)
+        later = rotations.narrow(dim, 1, frames - 1)
+        agreement = (earlier * later).sum(-1, keepdim=True)
+        flips = torch.where(agreement < 0, -torch.ones_like(agreement), torch.ones_like(agreement))
+        first = torch.ones_like(rotations.narrow(dim, 0, 1)[..., :1])
+        signs = torch.cat([first, torch.cumprod(flips, dim=dim)], dim=dim)
+    return rotations * signs
+
+
+def _unit_vector(vector: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
+    """Direction of a vector; zero where it has none."""
+    largest = vector.detach().abs().amax(-1, keepdim=True)
+    none = largest == 0
+    scaled = vector / torch.where(none, torch.ones_like(largest), largest)
+    squared = torch.where(none, torch.ones_like(largest), (scaled * scaled).sum(-1, keepdim=True))
+    return scaled * torch.rsqrt(squared)

@@ -111,7 +111,7 @@ class Skeleton:
 
     @cached_property
     def left_right_pairs(self) -> tuple[tuple[int, int], ...]:
-        """(left, right) joint pairs, matched by name: ``LeftFoot``/``RightFoot``, ``lhip``/``rhip``."""
+        """(left, right) joint pairs by name: ``LeftFoot``/``RightFoot``, ``lhip``/``rhip``."""
         by_name = {name: joint for joint, name in enumerate(self.names)}
         pairs: list[tuple[int, int]] = []
         for joint, name in enumerate(self.names):
