@@ -1,1 +1,36 @@
 """Backbones, heads, the forecaster, its rollout, and baselines without a network."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from posecast.model.baselines import RunningAverage, ZeroVelocity
+from posecast.model.controls import ControlLayers
+from posecast.model.forecaster import Forecaster, Prediction, Residual
+from posecast.model.head import DenseHead, Head
+from posecast.model.recurrent import Backbone, GRUBackbone, State, Summary
+from posecast.model.rollout import ForecasterPredictor, Rollout, Session, rollout
+
+BACKBONES: dict[str, Callable[..., Backbone]] = {"gru": GRUBackbone}
+HEADS: dict[str, Callable[..., Head]] = {"dense": DenseHead}
+
+__all__ = [
+    "BACKBONES",
+    "HEADS",
+    "Backbone",
+    "ControlLayers",
+    "DenseHead",
+    "Forecaster",
+    "ForecasterPredictor",
+    "GRUBackbone",
+    "Head",
+    "Prediction",
+    "Residual",
+    "Rollout",
+    "RunningAverage",
+    "Session",
+    "State",
+    "Summary",
+    "ZeroVelocity",
+    "rollout",
+]

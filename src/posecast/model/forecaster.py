@@ -1,0 +1,185 @@
+"""The forecaster: from the features of frames to the features of the frame after each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Literal, NamedTuple, get_args
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from posecast.errors import ConfigError
+from posecast.model.controls import ControlLayers
+from posecast.model.head import Head, reset_linear
+from posecast.model.recurrent import Backbone, State
+from posecast.representation import Codec
+from posecast.skeleton import Skeleton
+
+Residual = Literal["none", "add", "compose"]
+
+
+class Prediction(NamedTuple):
+    """What a forecaster says after each of the frames it read.
+
+    Args:
+        features: the frame that follows, valid features.
+        raw: what the representation's penalty is taken of: the joints of that frame before they
+            were projected, or, where the residual is ``compose``, the change that was applied.
+        state: what the backbone needs in order to read on.
+    """
+
+    features: Float[Tensor, "batch frames features"]
+    raw: Float[Tensor, "batch frames joints joint_dim"]
+    state: State
+
+
+class Forecaster(nn.Module):
+    """Predicts the next frame: input layers, backbone, head, residual, projection.
+
+    Root channels come from a linear layer of their own, beside any head.
+
+    Args:
+        codec: what the features mean; its statistics, if any, standardize what the network reads
+            and are undone in what it puts out.
+        backbone: makes the backbone for a number of inputs.
+        head: makes the head for a context size, a skeleton and a number of values a joint.
+        residual: ``none``: the network puts out the next pose; ``add``: what to add to the pose it
+            read; ``compose``: what to apply to it by the representation's own product (Pavllo et
+            al. 2018, section 3.1). Root channels add in both of the latter.
+        input_dropout: share of the inputs set to zero in training; the residual reads them all.
+        projection: size of a linear layer before the backbone; ``None``: no such layer.
+        projection_activation: what follows that layer: nothing, or rectification.
+        controls: layers that prepare the controls of a frame for the backbone; ``None``: the
+            forecaster takes no controls.
+    """
+
+    def __init__(
+        self,
+        codec: Codec,
+        *,
+        backbone: Callable[[int], Backbone],
+        head: Callable[[int, Skeleton, int], Head],
+        residual: Residual = "none",
+        input_dropout: float = 0.0,
+        projection: int | None = None,
+        projection_activation: Literal["none", "relu"] = "none",
+        controls: ControlLayers | None = None,
+    ) -> None:
+        super().__init__()
+        if residual not in get_args(Residual):
+            raise ConfigError(
+                f"residual: {residual!r} is not known; choose among: "
+                f"{', '.join(get_args(Residual))}"
+            )
+        if not 0 <= input_dropout < 1:
+            raise ConfigError(f"input_dropout: {input_dropout} is no share; expected 0 <= it < 1")
+        self.codec = codec
+        self.residual: Residual = residual
+        self.input_dropout = input_dropout
+        self.rectify_projection = projection_activation == "relu"
+        inputs = codec.feature_dim if projection is None else projection
+        self.projection = None if projection is None else nn.Linear(codec.feature_dim, projection)
+        self.controls = controls
+        self.backbone = backbone(inputs + (0 if controls is None else controls.output_dim))
+        context_dim = self.backbone.context_dim
+        self.head = head(context_dim, codec.skeleton, codec.representation.joint_dim)
+        self.root = nn.Linear(context_dim, codec.root_dim) if codec.root_dim else None
+        statistics = codec.statistics
+        for name in ("mean", "scale"):
+            values = None if statistics is None else getattr(statistics, name)
+            values = None if values is None else values.to(torch.get_default_dtype())
+            self.register_buffer(name, values, persistent=False)
+
+    mean: Tensor | None
+    scale: Tensor | None
+
+    def reset_parameters(self, generator: torch.Generator | None = None) -> None:
+        """Draw all weights anew, from ``generator`` (``None``: PyTorch's own)."""
+        for linear in (self.projection, self.root):
+            if linear is not None:
+                reset_linear(linear, generator)
+        if self.controls is not None:
+            self.controls.reset_parameters(generator)
+        self.backbone.reset_parameters(generator)
+        self.head.reset_parameters(generator)
+
+    def initial_state(self, batch: int) -> State:
+        """The state before anything was read."""
+        return self.backbone.initial_state(batch)
+
+    def standardize(
+        self, features: Float[Tensor, "*batch features"]
+    ) -> Float[Tensor, "*batch features"]:
+        """Features as the network reads them: ``(features - mean) / scale``."""
+        if self.mean is None or self.scale is None:
+            return features
+        return (features - self.mean) / self.scale
+
+    def forward(
+        self,
+        features: Float[Tensor, "batch frames features"],
+        state: State,
+        controls: Float[Tensor, "batch frames controls"] | None = None,
+        *,
+        last: int | None = None,
+        generator: torch.Generator | None = None,
+    ) -> Prediction:
+        """Read frames and predict the frame after each.
+
+        Args:
+            features: true or predicted frames, the oldest first.
+            state: from ``initial_state``, or from the prediction before.
+            controls: of the same frames, for a forecaster that takes them.
+            last: predict only after that many of the frames, the newest; ``None``: after all.
+            generator: what input dropout draws from in training; ``None``: PyTorch's own.
+
+        Raises:
+            ConfigError: controls are missing, or given to a forecaster that takes none.
+        """
+        inputs = self._inputs(features, controls, generator)
+        context, state = self.backbone(inputs, state)
+        first = 0 if last is None else features.shape[1] - last
+        predicted, raw = self._next(features[:, first:], context[:, first:])
+        return Prediction(predicted, raw, state)
+
+    def _inputs(
+        self, features: Tensor, controls: Tensor | None, generator: torch.Generator | None
+    ) -> Tensor:
+        """What the backbone reads."""
+        inputs = self.standardize(features)
+        if self.training and self.input_dropout > 0:
+            drawn = torch.rand(
+                inputs.shape, generator=generator, dtype=inputs.dtype, device=inputs.device
+            )
+            inputs = inputs * (drawn >= self.input_dropout) / (1 - self.input_dropout)
+        if self.projection is not None:
+            inputs = self.projection(inputs)
+            inputs = inputs.relu() if self.rectify_projection else inputs
+        if self.controls is None:
+            if controls is not None:
+                raise ConfigError("controls were given, but this forecaster takes none")
+            return inputs
+        if controls is None:
+            raise ConfigError(f"this forecaster takes {self.controls.input_dim} controls a frame")
+        return torch.cat([inputs, self.controls(controls)], dim=-1)
+
+    def _next(self, features: Tensor, context: Tensor) -> tuple[Tensor, Tensor]:
+        """Valid features of the next frame, and the raw output for its joints."""
+        codec = self.codec
+        joints = self.head(context)
+        root = features[..., :0] if self.root is None else self.root(context)
+        if self.scale is not None and self.mean is not None:
+            scale, mean = codec.split(self.scale), codec.split(self.mean)
+            root = root * scale.root + (mean.root if self.residual == "none" else 0)
+            if self.residual != "compose":
+                joints = joints * scale.joints + (mean.joints if self.residual == "none" else 0)
+        base = codec.split(features)
+        if self.residual != "none":
+            root = base.root + root
+        if self.residual == "add":
+            joints = base.joints + joints
+        raw = joints
+        if self.residual == "compose":
+            joints = codec.representation.compose(raw, base.joints)
+        return codec.merge(codec.representation.project(joints), root), raw

@@ -1,0 +1,73 @@
+"""Heads: the summary of the past turned into the joints of one pose."""
+
+from __future__ import annotations
+
+import math
+from typing import Protocol
+
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from posecast.skeleton import Skeleton
+
+
+class Head(Protocol):
+    """Turns a context into what is predicted for every joint.
+
+    Law: a joint depends on the context, and on those joints alone that the head says it reads.
+    """
+
+    def __call__(
+        self, context: Float[Tensor, "*batch context"]
+    ) -> Float[Tensor, "*batch joints joint_dim"]:
+        """Numbers for every joint, as they are; nothing is projected."""
+        ...
+
+    def reset_parameters(self, generator: torch.Generator | None = None) -> None:
+        """Draw all weights anew."""
+        ...
+
+
+class DenseHead(nn.Module):
+    """All joints at once by a linear layer, with one hidden layer of rectified units if asked for.
+
+    Args:
+        context_dim: size of the context.
+        skeleton: whose joints are predicted.
+        joint_dim: numbers a joint.
+        hidden: units of the hidden layer (Aksan et al. 2019 use 960); ``None``: no hidden layer
+            (Pavllo et al. 2018).
+    """
+
+    def __init__(
+        self, context_dim: int, skeleton: Skeleton, joint_dim: int, *, hidden: int | None = None
+    ) -> None:
+        super().__init__()
+        self.joint_dim = joint_dim
+        outputs = len(skeleton) * joint_dim
+        self.hidden = None if hidden is None else nn.Linear(context_dim, hidden)
+        self.output = nn.Linear(context_dim if hidden is None else hidden, outputs)
+
+    def reset_parameters(self, generator: torch.Generator | None = None) -> None:
+        """Draw all weights anew, as PyTorch does."""
+        for layer in (self.hidden, self.output):
+            if layer is not None:
+                reset_linear(layer, generator)
+
+    def forward(
+        self, context: Float[Tensor, "*batch context"]
+    ) -> Float[Tensor, "*batch joints joint_dim"]:
+        """Numbers for every joint."""
+        if self.hidden is not None:
+            context = torch.relu(self.hidden(context))
+        return self.output(context).unflatten(-1, (-1, self.joint_dim))
+
+
+def reset_linear(layer: nn.Module, generator: torch.Generator | None = None) -> None:
+    """Draw a linear layer anew from PyTorch's own distribution."""
+    assert isinstance(layer, nn.Linear)
+    bound = 1 / math.sqrt(layer.in_features)
+    nn.init.uniform_(layer.weight, -bound, bound, generator=generator)
+    if layer.bias is not None:
+        nn.init.uniform_(layer.bias, -bound, bound, generator=generator)

@@ -1,0 +1,199 @@
+"""Motion to and from the features of a network: joints, root channels, statistics."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from posecast.errors import ConfigError, SkeletonError
+from posecast.geometry import quaternion
+from posecast.motion import Motion
+from posecast.representation.base import Representation
+from posecast.skeleton import Skeleton
+
+ROOT_CHANNELS = {"none": 0, "displacement": 3}
+
+
+class Parts(NamedTuple):
+    """The features of frames, taken apart.
+
+    Args:
+        joints: what the representation wrote for each joint.
+        root: channels of the root; none of them when the codec leaves the root out.
+    """
+
+    joints: Float[Tensor, "*batch joints joint_dim"]
+    root: Float[Tensor, "*batch root"]
+
+
+class Statistics(NamedTuple):
+    """How features are shifted and scaled at a network's door: ``(features - mean) / scale``.
+
+    Args:
+        mean: one value a feature.
+        scale: one positive value a feature: a standard deviation, or what a paper divides by.
+    """
+
+    mean: Float[Tensor, " features"]
+    scale: Float[Tensor, " features"]
+
+
+@dataclass(frozen=True, eq=False)
+class Codec:
+    """Motion of one skeleton as features (batch, frames, features), and back.
+
+    The features of a frame are those of all joints, one joint after the other, then the root
+    channels; ``split`` and ``merge`` name them. Features are physical: a forecaster standardizes
+    by ``statistics`` where it reads, and undoes it where it answers.
+
+    Signs of quaternions follow one rule, in training and in use: the real part is not negative in
+    the first frame, and signs are continuous from there on.
+
+    Args:
+        skeleton: whose joints are written.
+        representation: how each joint is written.
+        root: ``none`` writes no root channels, and ``decode`` holds the root at its anchor;
+            ``displacement`` writes three, in metres and in the order x, y, z: the height y, and
+            x and z as differences to the frame before (Zhou et al. 2018).
+        statistics: what forecasters of these features standardize by; ``None``: by nothing.
+    """
+
+    skeleton: Skeleton
+    representation: Representation
+    root: Literal["none", "displacement"] = "none"
+    statistics: Statistics | None = None
+
+    def __post_init__(self) -> None:
+        if self.root not in ROOT_CHANNELS:
+            raise ConfigError(
+                f"codec.root: {self.root!r} is not known; choose among: {', '.join(ROOT_CHANNELS)}"
+            )
+        if self.statistics is None:
+            return
+        for name, values in self.statistics._asdict().items():
+            if values.shape != (self.feature_dim,):
+                raise ConfigError(
+                    f"codec.statistics: {name} has {tuple(values.shape)} values; expected "
+                    f"{self.feature_dim}, one a feature"
+                )
+
+    @property
+    def root_dim(self) -> int:
+        """Number of root channels."""
+        return ROOT_CHANNELS[self.root]
+
+    @property
+    def joint_features(self) -> int:
+        """Number of features of all joints together, without the root channels."""
+        return len(self.skeleton) * self.representation.joint_dim
+
+    @property
+    def feature_dim(self) -> int:
+        """Number of features of a frame."""
+        return self.joint_features + self.root_dim
+
+    def split(self, features: Float[Tensor, "*batch features"]) -> Parts:
+        """Joints and root channels of features; views, not copies."""
+        joints, root = features.split([self.joint_features, self.root_dim], dim=-1)
+        return Parts(joints.unflatten(-1, (len(self.skeleton), -1)), root)
+
+    def merge(
+        self,
+        joints: Float[Tensor, "*batch joints joint_dim"],
+        root: Float[Tensor, "*batch root"],
+    ) -> Float[Tensor, "*batch features"]:
+        """Features of joints and root channels."""
+        flat = joints.flatten(-2)
+        return torch.cat([flat, root], dim=-1) if self.root_dim else flat
+
+    def encode(self, motion: Motion) -> Float[Tensor, "batch frames features"]:
+        """Features of a motion.
+
+        The displacement of the first frame, whose predecessor is not known, repeats that of the
+        second; a single frame stands still.
+
+        Raises:
+            SkeletonError: the motion has another number of joints than the skeleton.
+        """
+        rotations = motion.rotations_local
+        if rotations.shape[-2] != len(self.skeleton):
+            raise SkeletonError(
+                f"motion of {rotations.shape[-2]} joints; expected the {len(self.skeleton)} joints "
+                f"of the skeleton: {', '.join(self.skeleton.names)}"
+            )
+        joints = self.representation.encode(_continuous(rotations), motion.offsets[:, None])
+        root = motion.root_positions
+        if self.root == "none":
+            return self.merge(joints, root[..., :0])
+        steps = root.diff(dim=1)
+        first = steps[:, :1] if root.shape[1] > 1 else torch.zeros_like(root)
+        steps = torch.cat([first, steps], dim=1)
+        return self.merge(joints, torch.stack([steps[..., 0], root[..., 1], steps[..., 2]], dim=-1))
+
+    def decode(
+        self,
+        features: Float[Tensor, "batch frames features"],
+        *,
+        offsets: Float[Tensor, "batch joints 3"],
+        anchor: Float[Tensor, "batch 3"],
+    ) -> Motion:
+        """Motion of features that follow a known frame.
+
+        Args:
+            features: what a forecaster predicted.
+            offsets: the body, metres.
+            anchor: world position of the root in the frame before the first of ``features``,
+                metres; displacements are summed up from there, or the root is held there.
+
+        Raises:
+            ConfigError: the representation has no rotations.
+        """
+        joints, root = self.split(features)
+        rotations = self.representation.decode(joints, offsets[:, None])
+        if self.root == "none":
+            positions = anchor[:, None].expand(-1, features.shape[1], -1)
+        else:
+            travelled = anchor[:, None] + root.cumsum(dim=1)
+            positions = torch.stack([travelled[..., 0], root[..., 1], travelled[..., 2]], dim=-1)
+        return Motion(rotations, positions, offsets)
+
+    def measure(
+        self,
+        motions: Iterable[Motion],
+        *,
+        divide_by: Literal["deviation", "variance"] = "deviation",
+        least: float = 1e-4,
+    ) -> Statistics:
+        """Statistics of the features of some motions, over all batches and frames.
+
+        Args:
+            motions: usually the training split, in pieces of any size.
+            divide_by: ``deviation``, or ``variance`` as Aksan et al. (2019) did in their code.
+            least: a feature whose scale would be smaller hardly moves and is not scaled.
+        """
+        count, total, squares = 0, torch.zeros(()), torch.zeros(())
+        for motion in motions:
+            features = self.encode(motion).detach().double().flatten(0, -2)
+            count += features.shape[0]
+            total = total + features.sum(0)
+            squares = squares + features.square().sum(0)
+        if not count:
+            raise ConfigError("codec.measure: no frames to take statistics of")
+        mean = total / count
+        scale = (squares / count - mean.square()).clamp_min(0)
+        if divide_by == "deviation":
+            scale = scale.sqrt()
+        return Statistics(mean, torch.where(scale < least, torch.ones_like(scale), scale))
+
+
+def _continuous(
+    rotations: Float[Tensor, "batch frames joints 4"],
+) -> Float[Tensor, "batch frames joints 4"]:
+    """The same rotations, with w >= 0 in the first frame and continuous signs from there on."""
+    first = torch.where(rotations[:, :1, :, :1] < 0, -1.0, 1.0).to(rotations.dtype)
+    return quaternion.unroll(rotations * first, dim=1)
