@@ -1,0 +1,84 @@
+"""Running a predictor on windows of a corpus, and checking what it gives back."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol, runtime_checkable
+
+import torch
+
+from posecast.errors import ConfigError
+from posecast.geometry import quaternion
+from posecast.motion.clip import Motion
+from posecast.motion.corpus import Corpus, Window
+
+
+@runtime_checkable
+class Predictor(Protocol):
+    """Anything that continues motion."""
+
+    def predict(self, prefix: Motion, horizon: int) -> Motion:
+        """The ``horizon`` frames after ``prefix``, without the prefix."""
+        ...
+
+
+def run_predictor(
+    predictor: Predictor, corpus: Corpus, windows: Sequence[Window], prefix: int, horizon: int
+) -> tuple[Motion, Motion, Motion]:
+    """Prefix, prediction and truth of some windows, float64."""
+    whole = _gather(corpus, windows, prefix + horizon)
+    known = Motion(
+        whole.rotations_local[:, :prefix], whole.root_positions[:, :prefix], whole.offsets
+    )
+    target = Motion(
+        whole.rotations_local[:, prefix:], whole.root_positions[:, prefix:], whole.offsets
+    )
+    with torch.no_grad():
+        predicted = predictor.predict(known, horizon)
+    return known, _checked(predicted, target, type(predictor).__name__), target
+
+
+def _gather(corpus: Corpus, windows: Sequence[Window], length: int) -> Motion:
+    """Windows in float64; ``Corpus.gather`` gives the float32 of training."""
+    clips = [
+        corpus.clips[window.clip].cut(window.start, window.start + length) for window in windows
+    ]
+    return Motion(
+        torch.stack([clip.rotations_local.double() for clip in clips]),
+        torch.stack([clip.root_positions.double() for clip in clips]),
+        torch.stack([clip.offsets.double() for clip in clips]),
+    )
+
+
+def _checked(predicted: Motion, target: Motion, name: str) -> Motion:
+    """The prediction in the target's precision and place, if it is what was asked for."""
+    for field in ("rotations_local", "root_positions"):
+        found, expected = getattr(predicted, field), getattr(target, field)
+        if found.shape != expected.shape:
+            raise ConfigError(
+                f"{name}.predict returned {field} of shape {tuple(found.shape)}; expected "
+                f"{tuple(expected.shape)}: windows, then only the {expected.shape[1]} new frames"
+            )
+        if not torch.isfinite(found).all():
+            bad = int((~torch.isfinite(found)).flatten(1).any(1).sum())
+            raise ConfigError(
+                f"{name}.predict returned {field} that are not finite in {bad} of {len(found)} "
+                "windows; the model has diverged"
+            )
+    rotations = predicted.rotations_local.to(target.rotations_local)
+    worst = float((torch.linalg.vector_norm(rotations, dim=-1) - 1).abs().max())
+    if worst > 1e-3:
+        raise ConfigError(
+            f"{name}.predict returned quaternions whose length is off 1 by up to {worst:.3g}; "
+            "expected unit quaternions: normalize them"
+        )
+    return Motion(
+        quaternion.normalize(rotations),
+        predicted.root_positions.to(target.root_positions),
+        target.offsets,
+    )
+
+
+def join(motions: Sequence[Motion]) -> Motion:
+    """Batches one after the other."""
+    return Motion(*(torch.cat(parts) for parts in zip(*motions, strict=True)))

@@ -1,0 +1,143 @@
+"""Published numbers, exactly as printed, and which of our systems they belong to."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from functools import cache
+from importlib.resources import files
+from typing import NamedTuple
+
+from posecast.evaluation.scores import AVERAGE, Milliseconds
+
+# Our name of a system -> what the papers call it. A name that a paper uses for another system in
+# another table must not be listed; variants of ours, such as small ones, have no published number.
+PRINTED_NAMES: Mapping[str, tuple[str, ...]] = {
+    "zero-velocity": (
+        "Zero-velocity (Martinez et al., CVPR 2017)",
+        "Zero-velocity",
+        "Zero-velocity [32]",
+        "Zero-Velocity [20]",
+    ),
+    "running-average-2": (
+        "Run. avg. 2 (Martinez et al., CVPR 2017)",
+        "Run. avg. 2",
+        "Run. avg. 2 [32]",
+    ),
+    "running-average-4": (
+        "Run. avg. 4 (Martinez et al., CVPR 2017)",
+        "Run. avg. 4",
+        "Run. avg. 4 [32]",
+    ),
+    "quaternet-abs": (
+        "QuaterNet abs. (Pavlo et al., BMVC 2018b)",
+        "QuaterNet abs.",
+        "QuaterNet absolute",
+    ),
+    "quaternet-vel": (
+        "QuaterNet vel. (Pavlo et al., BMVC 2018b)",
+        "QuaterNet vel.",
+        "QuaterNet velocity",
+        "QuaterNet [25]",
+        "QuaterNet short-term, quaternions",
+    ),
+    "quaternet-vel-tf": ("QuaterNet vel. TF",),
+}
+
+# QuaterNet's code counts all angles, that of Martinez et al. those that move in the window. For
+# baselines the two are the same number; printed numbers stand beside both.
+_SAME_IN_PRINT = {"euler_all": "euler"}
+
+
+class Published(NamedTuple):
+    """A printed number.
+
+    Args:
+        value: as printed.
+        source: paper and table, as ``ijcv2019, Table 2``.
+    """
+
+    value: float
+    source: str
+
+
+class PublishedTable(NamedTuple):
+    """A printed table, one metric of it.
+
+    Args:
+        source: paper and table, as ``ijcv2019, Table 2``.
+        title: authors, title and year of the paper.
+        protocol: name of the protocol, ours where we have it.
+        metric: name of the metric, ours where we have it.
+        span: ``at`` the horizon, or ``sum`` or ``mean`` over the frames up to it.
+        unit: of the values.
+        horizons_ms: horizons of the columns, milliseconds.
+        systems: printed name -> action -> one value a horizon; ``average`` is over 15 actions,
+            ``all`` stands for no actions at all.
+    """
+
+    source: str
+    title: str
+    protocol: str
+    metric: str
+    span: str
+    unit: str
+    horizons_ms: tuple[Milliseconds, ...]
+    systems: Mapping[str, Mapping[str, tuple[float, ...]]]
+
+
+@cache
+def published_tables() -> tuple[PublishedTable, ...]:
+    """All printed tables we know, in the order in which they are searched."""
+    text = files("posecast.evaluation").joinpath("published.json").read_text(encoding="utf-8")
+    content = json.loads(text)
+    return tuple(
+        PublishedTable(
+            source=f"{table['paper']}, Table {table['table']}",
+            title=content["papers"][table["paper"]],
+            protocol=table["protocol"],
+            metric=table["metric"],
+            span=table["span"],
+            unit=table["unit"],
+            horizons_ms=tuple(table["horizons_ms"]),
+            systems={
+                system: {action: tuple(values) for action, values in actions.items()}
+                for system, actions in table["systems"].items()
+            },
+        )
+        for table in content["tables"]
+    )
+
+
+def find_published(
+    system: str,
+    protocol: str,
+    *,
+    action: str,
+    metric: str,
+    horizon_ms: Milliseconds,
+    complete: bool = True,
+) -> Published | None:
+    """The printed number for a row, or ``None`` where there is none.
+
+    Args:
+        system: our name of the system.
+        protocol: our name of the protocol.
+        action: action, or ``average``.
+        metric: name in ``METRICS``.
+        horizon_ms: milliseconds.
+        complete: whether our average is over all the actions of the protocol; an average over
+            fewer has no published counterpart.
+    """
+    if action == AVERAGE and not complete:
+        return None
+    names = PRINTED_NAMES.get(system, ())
+    wanted = protocol, _SAME_IN_PRINT.get(metric, metric)
+    for table in published_tables():
+        if (table.protocol, table.metric) != wanted or horizon_ms not in table.horizons_ms:
+            continue
+        for name in names:
+            if action in table.systems.get(name, {}):
+                column = table.horizons_ms.index(horizon_ms)
+                return Published(table.systems[name][action][column], table.source)
+    return None

@@ -1,0 +1,309 @@
+"""Reports: a system beside the baselines and the published numbers, as Markdown, CSV and JSON."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor
+
+from posecast.errors import ConfigError
+from posecast.evaluation.metrics import METRICS
+from posecast.evaluation.prediction import Predictor
+from posecast.evaluation.protocol import Protocol
+from posecast.evaluation.published import Published, find_published
+from posecast.evaluation.scores import AVERAGE, Milliseconds, Scores
+from posecast.model.baselines import RunningAverage, ZeroVelocity
+from posecast.motion.corpus import Corpus
+
+BASELINES: Mapping[str, Predictor] = {
+    "zero-velocity": ZeroVelocity(),
+    "running-average-2": RunningAverage(2),
+    "running-average-4": RunningAverage(4),
+}
+"""Rows of every table."""
+
+
+class Line(NamedTuple):
+    """One number of a report.
+
+    Args:
+        system: whose.
+        action: action, or ``average``.
+        metric: name in ``METRICS``.
+        horizon_ms: milliseconds after the last true frame.
+        value: mean over the windows, and over runs where there are several.
+        std: sample standard deviation over runs; ``None`` for a single run.
+        windows: how many windows are behind the value, in each run.
+        published: the printed number, where there is one.
+    """
+
+    system: str
+    action: str
+    metric: str
+    horizon_ms: Milliseconds
+    value: float
+    std: float | None
+    windows: int
+    published: Published | None
+
+
+class Interval(NamedTuple):
+    """Ends of a bootstrap interval, one a horizon."""
+
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Report:
+    """Runs of one system, and the baselines on the same windows.
+
+    Args:
+        runs: scores of the system, one a training seed.
+        baselines: scores of the baselines; the system itself is not among them.
+    """
+
+    runs: tuple[Scores, ...]
+    baselines: tuple[Scores, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not self.runs:
+            raise ConfigError("a report needs the scores of at least one run; found none")
+        first = self.runs[0]
+        for scores in (*self.runs, *self.baselines):
+            if (scores.protocol, scores.corpus, scores.split) != (
+                first.protocol,
+                first.corpus,
+                first.split,
+            ) or scores.values.keys() != first.values.keys():
+                raise ConfigError(
+                    f"scores of {scores.system!r} ({scores.protocol} on {scores.corpus}, "
+                    f"{scores.split}) do not fit those of {first.system!r} ({first.protocol} on "
+                    f"{first.corpus}, {first.split}); score all on the same windows"
+                )
+        if any(scores.system != first.system for scores in self.runs):
+            raise ConfigError("the runs of a report are of one system; make a report for each")
+
+    @property
+    def system(self) -> str:
+        """Name of the system."""
+        return self.runs[0].system
+
+    @property
+    def lines(self) -> tuple[Line, ...]:
+        """All numbers of the system."""
+        return _lines(self.runs)
+
+    @property
+    def baseline_lines(self) -> tuple[Line, ...]:
+        """All numbers of the baselines, one baseline after the other."""
+        return tuple(line for scores in self.baselines for line in _lines((scores,)))
+
+    def to_json(self) -> str:
+        """One object: ``system``, ``corpus``, ``protocol``, ``rows``, ``missing``.
+
+        A row has ``action``, ``metric``, ``horizon_ms``, ``value``, ``windows`` and, where there
+        is a printed number, ``published``; with several runs also ``std``. For a system that is no
+        baseline itself, ``baselines`` lists theirs as objects of ``system`` and ``rows``.
+        """
+        first = self.runs[0]
+        content: dict[str, Any] = {
+            "system": self.system,
+            "corpus": first.corpus,
+            "protocol": first.protocol,
+            "rows": [_json_row(line) for line in self.lines],
+            "missing": list(first.missing),
+        }
+        if self.system not in BASELINES:
+            content["baselines"] = [
+                {"system": scores.system, "rows": [_json_row(line) for line in _lines((scores,))]}
+                for scores in self.baselines
+            ]
+        return json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False)
+
+    def to_csv(self) -> str:
+        """One line a number, baselines included; empty cells where there is nothing to say."""
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(
+            ["system", "action", "metric", "horizon_ms", "value", "std", "windows", "published"]
+        )
+        for line in (*self.lines, *self.baseline_lines):
+            printed = "" if line.published is None else line.published.value
+            std = "" if line.std is None else line.std
+            writer.writerow([*line[:5], std, line.windows, printed])
+        return text.getvalue()
+
+    def to_markdown(
+        self, metrics: Sequence[str] | None = None, *, generator: torch.Generator | None = None
+    ) -> str:
+        """One table a metric, then what was left out and where printed numbers are from.
+
+        Args:
+            metrics: which metrics; all that were measured by default.
+            generator: draws the bootstrap intervals of the system's averages, which are left out
+                without it.
+        """
+        first = self.runs[0]
+        blocks = [self._table(metric) for metric in metrics or first.metrics]
+        notes = [*first.notes]
+        if first.missing:
+            notes.append(f"Missing files: {', '.join(first.missing)}.")
+        if len(self.runs) > 1:
+            notes.append(f"Mean ± standard deviation over {len(self.runs)} runs.")
+        sources = {line.published.source for line in self._all_lines() if line.published}
+        if sources:
+            notes.append(f"In brackets, as printed: {'; '.join(sorted(sources))}.")
+        if generator is not None:
+            notes += self._intervals(metrics or first.metrics, generator)
+        return "\n\n".join([*blocks, "\n".join(f"- {note}" for note in notes)]) + "\n"
+
+    def _all_lines(self) -> tuple[Line, ...]:
+        return (*self.lines, *self.baseline_lines)
+
+    def _table(self, name: str) -> str:
+        """The table of one metric."""
+        first, metric = self.runs[0], METRICS[name]
+        left_out = ", ".join(first.joints_left_out[name]) or "none"
+        head = (
+            f"**{metric.title} ({metric.unit})**: `{name}`, protocol {first.protocol}, corpus "
+            f"{first.corpus}, split {first.split}; joints left out: {left_out}"
+        )
+        columns = [f"{horizon:g} ms" for horizon in first.horizons_ms]
+        rows = [
+            ["action", "system", *columns, "windows"],
+            ["---", "---", *["---:" for _ in columns], "---:"],
+        ]
+        lines = [line for line in self._all_lines() if line.metric == name]
+        systems = dict.fromkeys(line.system for line in lines)
+        for action in (*first.actions, AVERAGE):
+            for system in systems:
+                cells = [line for line in lines if (line.system, line.action) == (system, action)]
+                texts = [_cell(line, metric.digits) for line in cells]
+                rows.append([self._label(action), system, *texts, str(cells[0].windows)])
+        return "\n".join([head, "", *("| " + " | ".join(row) + " |" for row in rows)])
+
+    def _label(self, action: str) -> str:
+        """The action; for the average also over how many actions it is."""
+        if action != AVERAGE:
+            return action
+        measured, expected = len(self.runs[0].actions), self.runs[0].expected
+        return f"average of {measured}" + ("" if measured == expected else f" (of {expected})")
+
+    def _intervals(self, metrics: Iterable[str], generator: torch.Generator) -> list[str]:
+        """Sentences with the bootstrap intervals of the system's averages."""
+        first, notes = self.runs[0], []
+        for name in metrics:
+            groups = [first.values[action, name] for action in first.actions]
+            low, high = bootstrap(groups, generator=generator)
+            digits = METRICS[name].digits
+            spans = ", ".join(
+                f"{a:.{digits}f} to {b:.{digits}f}" for a, b in zip(low, high, strict=True)
+            )
+            notes.append(f"95 % of bootstrap averages of {self.system}, `{name}`: {spans}.")
+        return notes
+
+
+def evaluate(
+    predictors: Predictor | Sequence[Predictor],
+    protocol: Protocol,
+    corpus: Corpus,
+    *,
+    system: str,
+    split: str = "test",
+) -> Report:
+    """Score a system, or several runs of it, and the baselines, on the same windows.
+
+    Raises:
+        ConfigError: the corpus does not fit the protocol, or a predictor returns something else
+            than it was asked for.
+    """
+    runs = predictors if isinstance(predictors, Sequence) else (predictors,)
+    return Report(
+        runs=tuple(protocol.score(run, corpus, split, system=system) for run in runs),
+        baselines=tuple(
+            protocol.score(baseline, corpus, split, system=name)
+            for name, baseline in BASELINES.items()
+            if name != system
+        ),
+    )
+
+
+def bootstrap(
+    groups: Sequence[Tensor],
+    *,
+    generator: torch.Generator,
+    level: float = 0.95,
+    resamples: int = 2000,
+) -> Interval:
+    """Percentile interval of the average over actions, resampling windows within each action.
+
+    Windows may overlap, so the true uncertainty is larger: a lower bound, not a promise.
+
+    Args:
+        groups: values (windows, horizons) of each action.
+        generator: makes the draws.
+        level: share of the resampled averages between the ends.
+        resamples: how many averages are drawn.
+    """
+    draws = []
+    for values in groups:
+        chosen = torch.randint(len(values), (resamples, len(values)), generator=generator)
+        draws.append(values[chosen].mean(1))
+    averages = torch.stack(draws).mean(0)
+    tails = averages.new_tensor([(1 - level) / 2, (1 + level) / 2])
+    low, high = torch.quantile(averages, tails, dim=0)
+    return Interval(tuple(low.tolist()), tuple(high.tolist()))
+
+
+def _lines(runs: Sequence[Scores]) -> tuple[Line, ...]:
+    """Rows of several runs of one system, averaged."""
+    first = runs[0]
+    complete = len(first.actions) == first.expected
+    lines = []
+    for rows in zip(*(scores.rows for scores in runs), strict=True):
+        action, metric, horizon_ms, _, windows = rows[0]
+        values = torch.tensor([row.value for row in rows], dtype=torch.float64)
+        printed = find_published(
+            first.system,
+            first.protocol,
+            action=action,
+            metric=metric,
+            horizon_ms=horizon_ms,
+            complete=complete,
+        )
+        std = float(values.std()) if len(rows) > 1 else None
+        mean = float(values.mean())
+        lines.append(Line(first.system, action, metric, horizon_ms, mean, std, windows, printed))
+    return tuple(lines)
+
+
+def _json_row(line: Line) -> dict[str, Any]:
+    row: dict[str, Any] = {
+        "action": line.action,
+        "metric": line.metric,
+        "horizon_ms": line.horizon_ms,
+        "value": line.value,
+        "windows": line.windows,
+    }
+    if line.std is not None:
+        row["std"] = line.std
+    if line.published is not None:
+        row["published"] = line.published.value
+    return row
+
+
+def _cell(line: Line, digits: int) -> str:
+    """A value with its spread, and the printed number in brackets."""
+    text = f"{line.value:.{digits}f}"
+    if line.std is not None:
+        text += f" ± {line.std:.{digits}f}"
+    if line.published is not None:
+        text += f" ({line.published.value:.2f})"
+    return text
