@@ -1,1 +1,34 @@
-"""One training run: losses, feeding, sampling, the Lightning module."""
+"""Losses, feeds, window sampling, and a training run that can be killed and resumed."""
+
+from posecast.training.feeding import FEEDS, Feed
+from posecast.training.keeping import BEST, LAST, STATE, Best
+from posecast.training.losses import LOSSES, Comparison, Loss, Objective
+from posecast.training.plan import Machines, Plan
+from posecast.training.run import FitResult, fit
+from posecast.training.sampling import SAMPLINGS, Sampling, Windows
+from posecast.training.schedules import LearningRate, derived_generator, derived_seed
+from posecast.training.step import training_loss
+
+__all__ = [
+    "BEST",
+    "FEEDS",
+    "LAST",
+    "LOSSES",
+    "SAMPLINGS",
+    "STATE",
+    "Best",
+    "Comparison",
+    "Feed",
+    "FitResult",
+    "LearningRate",
+    "Loss",
+    "Machines",
+    "Objective",
+    "Plan",
+    "Sampling",
+    "Windows",
+    "derived_generator",
+    "derived_seed",
+    "fit",
+    "training_loss",
+]

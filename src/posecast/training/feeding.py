@@ -1,0 +1,95 @@
+"""Feeds: what each step of a training rollout reads, the true frame or the model's own.
+
+A feed answers with one boolean a step, for the whole batch. Entry ``t`` belongs to the step that
+predicts frame ``t`` of the horizon: true if the frame just before it is given, false if the
+model's own prediction of that frame is fed back. Entry 0 reads the last frame of the prefix, which
+is always given.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import torch
+from jaxtyping import Bool
+from torch import Tensor
+
+from posecast.errors import ConfigError
+
+
+class Feed(Protocol):
+    """Decides which steps read the truth. Same generator state, same mask."""
+
+    def share(self, epoch: int) -> float:
+        """Expected share of true frames among the steps after the first, epochs from 0."""
+        ...
+
+    def mask(self, horizon: int, epoch: int, generator: torch.Generator) -> Bool[Tensor, "horizon"]:
+        """One boolean a step, on the CPU: true where the step reads the true frame."""
+        ...
+
+
+@dataclass(frozen=True)
+class TeacherForcing:
+    """Every step reads the truth."""
+
+    def share(self, epoch: int) -> float:
+        """Always 1."""
+        return 1.0
+
+    def mask(self, horizon: int, epoch: int, generator: torch.Generator) -> Bool[Tensor, "horizon"]:
+        """All true; nothing is drawn."""
+        return torch.ones(horizon, dtype=torch.bool)
+
+
+@dataclass(frozen=True)
+class FreeRunning:
+    """Every step after the first reads what the model predicted, as in a forecast."""
+
+    def share(self, epoch: int) -> float:
+        """Always 0."""
+        return 0.0
+
+    def mask(self, horizon: int, epoch: int, generator: torch.Generator) -> Bool[Tensor, "horizon"]:
+        """True for the first step only; nothing is drawn."""
+        return torch.arange(horizon) == 0
+
+
+@dataclass(frozen=True)
+class ScheduledSampling:
+    """From teacher forcing to free running: the truth with probability ``decay ** epoch``.
+
+    One draw a step, shared by the whole batch, as QuaterNet's training does.
+
+    Args:
+        decay: factor from one epoch to the next, 0.995 in QuaterNet.
+
+    Raises:
+        ConfigError: ``decay`` outside [0, 1].
+
+    Source: Bengio et al. 2015; Pavllo et al. 2018, section 3.4.
+    """
+
+    decay: float = 0.995
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.decay <= 1:
+            raise ConfigError(f"scheduled sampling with decay {self.decay}: expected 0 to 1")
+
+    def share(self, epoch: int) -> float:
+        """Probability of the truth in this epoch; 1 in the first."""
+        return float(self.decay**epoch)
+
+    def mask(self, horizon: int, epoch: int, generator: torch.Generator) -> Bool[Tensor, "horizon"]:
+        """Independent draws; the first step is true whatever was drawn for it."""
+        drawn = torch.rand(horizon, generator=generator, dtype=torch.float64) < self.share(epoch)
+        return drawn | (torch.arange(horizon) == 0)
+
+
+FEEDS: dict[str, Callable[..., Feed]] = {
+    "teacher_forcing": TeacherForcing,
+    "free_running": FreeRunning,
+    "scheduled_sampling": ScheduledSampling,
+}

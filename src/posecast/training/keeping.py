@@ -1,0 +1,167 @@
+"""After every epoch: the tables, a validation, the best and last checkpoints, the state."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import torch
+from torch.optim import Optimizer
+
+from posecast.config import did_you_mean
+from posecast.errors import ConfigError
+from posecast.model.forecaster import Forecaster
+from posecast.training.journal import Display, Table
+from posecast.training.plan import Plan
+from posecast.training.state import TrainingState, optimizer_moments, write_state
+
+Validate = Callable[[Forecaster], Mapping[str, float]]
+"""Scores a forecaster, which is in evaluation mode, without gradients; lower is better."""
+
+Save = Callable[[Path, Forecaster, Mapping[str, Any]], None]
+"""Writes a forecaster and the progress of its training as a checkpoint folder."""
+
+STATE, LAST, BEST = "state.safetensors", "last", "best"
+SECONDS_BETWEEN_STATES = 60.0
+
+
+class Best(NamedTuple):
+    """The best validation of a run.
+
+    Args:
+        epoch: epochs done by then.
+        metric: what it was selected by.
+        metrics: everything that was measured.
+    """
+
+    epoch: int
+    metric: str
+    metrics: Mapping[str, float]
+
+
+class Keeper:
+    """Keeps what a run must not lose, in the main process.
+
+    Args:
+        forecaster: what is trained.
+        plan: when to validate and to save.
+        folder: where everything goes.
+        settings: what decides the outcome, kept with the state.
+        begin: the state the run goes on from, if it does.
+        validate: scores the forecaster.
+        save: writes a checkpoint folder.
+    """
+
+    def __init__(
+        self,
+        forecaster: Forecaster,
+        plan: Plan,
+        folder: Path,
+        *,
+        settings: Mapping[str, Any],
+        begin: TrainingState | None,
+        validate: Validate | None,
+        save: Save | None,
+    ) -> None:
+        self.forecaster, self.plan, self.folder = forecaster, plan, folder
+        self.settings, self.validate, self.save = settings, validate, save
+        self.begin = 0 if begin is None else begin.epoch
+        self.best = None if begin is None or begin.best is None else Best(**begin.best)
+        self.display: Display | None = None
+        self._validation: dict[str, float] = {}
+        self._saved = self._told = time.monotonic()
+
+    def open(self, *, progress: bool) -> Display:
+        """Take the tables back to where the run begins, and make what shows its progress."""
+        self.log = Table(self.folder / "log.csv", self.begin)
+        self.validations = Table(self.folder / "validation.csv", self.begin)
+        self.display = Display(begin=self.begin, epochs=self.plan.epochs, shown=progress)
+        self._told = time.monotonic()
+        return self.display
+
+    def after_epoch(
+        self, done: int, updates: int, averages: Mapping[str, float], optimizer: Optimizer
+    ) -> dict[str, float]:
+        """Note, validate, show and save.
+
+        Args:
+            done: epochs done.
+            updates: optimizer steps done.
+            averages: losses, learning rate and so on of the epoch.
+            optimizer: whose moments are saved.
+
+        Returns:
+            what other logs should have, too.
+        """
+        now = time.monotonic()
+        row = {"updates": updates, **averages, "seconds": round(now - self._told, 3)}
+        self._told = now
+        self.log.add(done, row)
+        final = done == self.plan.epochs
+        found: dict[str, float] = {}
+        if self.validate is not None and (final or done % self.plan.validate_every == 0):
+            found = self._score(self.validate)
+            self.validations.add(done, found)
+            self._validation = found
+        progress = {
+            "epoch": done,
+            "updates": updates,
+            "seed": self.plan.seed,
+            "training": dict(averages),
+            "validation": self._validation,
+        }
+        if found and self._improves(done, found) and self.save is not None:
+            self.save(self.folder / BEST, self.forecaster, progress)
+        if final or self._due(done):
+            self._keep(done, updates, optimizer)
+            if self.save is not None:
+                self.save(self.folder / LAST, self.forecaster, progress)
+        if self.display is not None:
+            self.display.update(done, {"loss": averages["loss"], **self._validation})
+        return {**row, **{f"validation/{name}": value for name, value in found.items()}}
+
+    def _score(self, validate: Validate) -> dict[str, float]:
+        """Validate in evaluation mode, then go back to training."""
+        self.forecaster.eval()
+        with torch.no_grad():
+            found = {name: float(value) for name, value in validate(self.forecaster).items()}
+        self.forecaster.train()
+        metric = self.plan.select_best_by
+        if not found:
+            raise ConfigError("validation measured nothing; give it a metric, or leave it out")
+        if metric is not None and metric not in found:
+            raise ConfigError(
+                f"select_best_by: validation measures no {metric!r}; {did_you_mean(metric, found)}"
+            )
+        return found
+
+    def _improves(self, done: int, found: Mapping[str, float]) -> bool:
+        """Whether this validation is the best so far; it is remembered if it is."""
+        metric = self.plan.select_best_by or next(iter(found))
+        least = math.inf if self.best is None else self.best.metrics[metric]
+        if not found[metric] < least:
+            return False
+        self.best = Best(done, metric, dict(found))
+        return True
+
+    def _due(self, done: int) -> bool:
+        """Whether a state is to be saved now."""
+        if self.plan.save_every is not None:
+            return done % self.plan.save_every == 0
+        return time.monotonic() - self._saved >= SECONDS_BETWEEN_STATES
+
+    def _keep(self, done: int, updates: int, optimizer: Optimizer) -> None:
+        """Write the state."""
+        state = TrainingState(
+            epoch=done,
+            updates=updates,
+            settings=self.settings,
+            best=None if self.best is None else self.best._asdict(),
+            weights=self.forecaster.state_dict(),
+            moments=optimizer_moments(optimizer, self.forecaster),
+        )
+        write_state(state, self.folder / STATE)
+        self._saved = time.monotonic()

@@ -1,0 +1,123 @@
+"""What a run is to do, and what it may run on: plain numbers, checked once."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from typing import Literal
+
+from posecast.errors import ConfigError
+from posecast.training.schedules import LearningRate
+
+STRATEGIES = ("auto", "ddp", "ddp_find_unused_parameters_true")
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How a forecaster is trained; with the corpus and its parts, this decides the outcome.
+
+    Defaults are those of QuaterNet's short-term training (Pavllo et al. 2018).
+
+    Args:
+        epochs: epochs in all.
+        batch: windows in a batch, over all processes together.
+        prefix: frames given.
+        horizon: frames to predict.
+        seed: of every random choice in training.
+        learning_rate: of the first update.
+        decay: factor of the learning rate at each decay.
+        decay_every: updates between decays; ``None``: once an epoch.
+        clip: largest norm of the gradient; ``None``: as it comes.
+        optimizer: ``adam``, or ``sgd`` without momentum.
+        feedback_gradient: whether predictions that are fed back pass gradients on.
+        turn: turn each window about the vertical by a random angle.
+        mirror: exchange left and right in half of the windows.
+        validate_every: epochs between validations; there is one after the last epoch, too.
+        select_best_by: validation metric to keep the best checkpoint by, the lower the better;
+            ``None``: the first one.
+        save_every: epochs between saved states; ``None``: about once a minute.
+
+    Raises:
+        ConfigError: a number out of its range.
+    """
+
+    epochs: int = 3000
+    batch: int = 60
+    prefix: int = 50
+    horizon: int = 10
+    seed: int = 0
+    learning_rate: float = 1e-3
+    decay: float = 0.999
+    decay_every: int | None = None
+    clip: float | None = 0.1
+    optimizer: Literal["adam", "sgd"] = "adam"
+    feedback_gradient: bool = True
+    turn: bool = False
+    mirror: bool = False
+    validate_every: int = 1
+    select_best_by: str | None = None
+    save_every: int | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("epochs", "batch", "prefix", "horizon", "validate_every", "save_every"):
+            value = getattr(self, name)
+            if value is not None and value < 1:
+                raise ConfigError(f"{name} is {value}; expected 1 or more")
+        if self.clip is not None and not self.clip > 0:
+            raise ConfigError(f"clip is {self.clip}; expected more than 0, or null for no clipping")
+        if self.optimizer not in ("adam", "sgd"):
+            raise ConfigError(f"optimizer {self.optimizer!r} is unknown; choose adam or sgd")
+        _ = self.rate  # checks itself
+
+    @property
+    def rate(self) -> LearningRate:
+        """The learning rate of every update."""
+        return LearningRate(self.learning_rate, self.decay, self.decay_every)
+
+
+@dataclass(frozen=True)
+class Machines:
+    """What a run may use. The outcome does not depend on it, but for rounding and dropout.
+
+    Under ``torchrun``, ``auto`` devices and nodes are those it started processes for.
+
+    Args:
+        accelerator: ``auto``, ``cpu``, ``gpu``, or another that Lightning knows.
+        devices: how many on each machine; ``auto``: every accelerator, or one process on a CPU.
+        nodes: how many machines.
+        strategy: ``auto`` (one process, or data parallel where there are several devices),
+            ``ddp``, or ``ddp_find_unused_parameters_true`` for a network of which a rollout leaves
+            parts unused.
+    """
+
+    accelerator: str = "auto"
+    devices: int | Literal["auto"] = "auto"
+    nodes: int | Literal["auto"] = "auto"
+    strategy: str = "auto"
+
+    def __post_init__(self) -> None:
+        if self.strategy not in STRATEGIES:
+            raise ConfigError(
+                f"strategy {self.strategy!r} is unknown; choose among: {', '.join(STRATEGIES)}"
+            )
+
+    @property
+    def processes(self) -> int | Literal["auto"]:
+        """Devices on each machine, for Lightning."""
+        started = _torchrun()
+        return started[1] if started and self.devices == "auto" else self.devices
+
+    @property
+    def machines(self) -> int:
+        """Number of machines, for Lightning."""
+        started = _torchrun()
+        if self.nodes != "auto":
+            return self.nodes
+        return started[0] // started[1] if started else 1
+
+
+def _torchrun() -> tuple[int, int] | None:
+    """Processes in all and on this machine, if ``torchrun`` started this one."""
+    if "TORCHELASTIC_RUN_ID" not in os.environ:
+        return None
+    return int(os.environ["WORLD_SIZE"]), int(os.environ["LOCAL_WORLD_SIZE"])

@@ -1,0 +1,279 @@
+"""One training run: from a forecaster and a corpus to checkpoints, logs and a state to resume."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import logging
+import os
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import torch
+
+from posecast.errors import ConfigError, DataError, SkeletonError
+from posecast.model.forecaster import Forecaster
+from posecast.motion.corpus import Corpus
+from posecast.training.feeding import Feed
+from posecast.training.keeping import STATE, Best, Keeper, Save, Validate
+from posecast.training.losses import Objective
+from posecast.training.plan import Machines, Plan
+from posecast.training.sampling import EveryRecording, Sampling, Windows
+from posecast.training.state import (
+    TrainingState,
+    check_settings,
+    read_state,
+)
+
+if TYPE_CHECKING:
+    from lightning.pytorch import Trainer
+    from lightning.pytorch.loggers import Logger
+
+    from posecast.training.module import TrainingModule
+
+
+class FitResult(NamedTuple):
+    """How a run ended.
+
+    Args:
+        folder: holds ``last`` and ``best`` (checkpoints), ``log.csv``, ``validation.csv`` and the
+            state to resume from.
+        epochs: epochs done in all.
+        updates: optimizer steps done in all.
+        averages: losses, learning rate and so on of the last epoch; empty if none was left.
+        best: the best validation, if there was any.
+        skipped: recordings of the training split that are shorter than a window.
+        is_main_process: false in the processes that only helped; they should not report.
+    """
+
+    folder: Path
+    epochs: int
+    updates: int
+    averages: Mapping[str, float]
+    best: Best | None
+    skipped: int
+    is_main_process: bool
+
+
+def fit(
+    forecaster: Forecaster,
+    corpus: Corpus,
+    plan: Plan,
+    *,
+    objective: Objective,
+    feed: Feed,
+    folder: Path,
+    sampling: Sampling | None = None,
+    machines: Machines | None = None,
+    validate: Validate | None = None,
+    save: Save | None = None,
+    resume: bool = False,
+    progress: bool = True,
+    loggers: Sequence[Logger] | None = None,
+) -> FitResult:
+    """Train a forecaster in place on the training split of a corpus.
+
+    A run may be killed at any moment and resumed: it then ends with the losses and weights it would
+    have had. PyTorch's global random state is left as it was found. With several processes every
+    one of them calls this with the same arguments, and ``folder`` is shared between machines.
+
+    Args:
+        forecaster: what is trained; it ends with the weights of the last epoch.
+        corpus: read through its split ``train`` only.
+        plan: epochs, sizes, optimizer.
+        objective: what to descend.
+        feed: which steps of a rollout read the truth.
+        folder: for checkpoints, logs and the state; made if it is not there.
+        sampling: which recordings an epoch sees; ``None``: every one once.
+        machines: processes and devices; ``None``: as found.
+        validate: called in the main process only; decides which checkpoint is the best.
+        save: called in the main process only, for ``folder / "last"`` and ``folder / "best"``.
+        resume: go on from the state in ``folder``, if there is one.
+        progress: show a bar, or lines now and then, on standard error.
+        loggers: Lightning loggers beside the tables in CSV; ``None``: TensorBoard, if installed.
+
+    Raises:
+        ConfigError: parts that do not fit, a folder that holds a run which is not to be resumed,
+            a state of a run with other settings, or a loss that is no longer finite.
+        DataError: the folder cannot be written, or its state is damaged.
+        SkeletonError: forecaster and corpus are of different skeletons.
+    """
+    objective.check(forecaster.codec)
+    if corpus.skeleton != forecaster.codec.skeleton:
+        raise SkeletonError(
+            f"the forecaster's skeleton has joints {', '.join(forecaster.codec.skeleton.names)}; "
+            f"corpus {corpus.name!r} has {', '.join(corpus.skeleton.names)}"
+        )
+    sampling = sampling or EveryRecording()
+    windows = Windows(
+        corpus,
+        length=plan.prefix + plan.horizon,
+        batch=plan.batch,
+        seed=plan.seed,
+        sampling=sampling,
+        turn=plan.turn,
+        mirror=plan.mirror,
+        dtype=next(forecaster.parameters()).dtype,
+    )
+    settings = _settings(plan, objective, feed, sampling, corpus)
+    begin = _begin(forecaster, plan, settings, folder, resume=resume)
+    keeper = Keeper(
+        forecaster, plan, folder, settings=settings, begin=begin, validate=validate, save=save
+    )
+    if begin is not None and begin.epoch == plan.epochs:
+        main = os.environ.get("RANK", "0") == "0"
+        return FitResult(folder, plan.epochs, begin.updates, {}, keeper.best, windows.skipped, main)
+    with _quiet_lightning():
+        module = _module(forecaster, windows, plan, objective, feed, begin, keeper)
+        trainer = _trainer(plan, machines or Machines(), folder, begin, loggers)
+        _run(trainer, module, keeper, progress=progress)
+        best = trainer.strategy.broadcast(keeper.best)
+    return FitResult(
+        folder,
+        plan.epochs,
+        module.updates,
+        module.last,
+        best,
+        windows.skipped,
+        trainer.is_global_zero,
+    )
+
+
+def _settings(
+    plan: Plan, objective: Objective, feed: Feed, sampling: Sampling, corpus: Corpus
+) -> dict[str, Any]:
+    """What decides the outcome, as JSON would give it back."""
+    numbers = asdict(plan)
+    # More epochs may be asked for, and looking at a run more often does not change it.
+    for name in ("epochs", "validate_every", "select_best_by", "save_every"):
+        del numbers[name]
+    training = [corpus.frames[index] for index in corpus.indices("train")]
+    settings = {
+        **numbers,
+        "loss": {"terms": dict(objective.terms), "order": objective.order},
+        "feed": repr(feed),
+        "sampling": repr(sampling),
+        "corpus": f"{corpus.name}: {len(training)} recordings, {sum(training)} frames",
+    }
+    return dict(json.loads(json.dumps(settings)))
+
+
+def _begin(
+    forecaster: Forecaster, plan: Plan, settings: Mapping[str, Any], folder: Path, *, resume: bool
+) -> TrainingState | None:
+    """The state to go on from, its weights put into the forecaster; ``None``: a new run."""
+    path = folder / STATE
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise DataError(folder, f"cannot be made ({error.strerror}); choose another") from None
+    if not path.exists():
+        return None
+    if not resume:
+        raise ConfigError(
+            f"{folder} holds a training run already; resume it, or choose another folder"
+        )
+    state = read_state(path)
+    check_settings(state.settings, settings, path)
+    if state.epoch > plan.epochs:
+        raise ConfigError(
+            f"{path}: {state.epoch} epochs are done, more than the {plan.epochs} asked"
+        )
+    try:
+        forecaster.load_state_dict(dict(state.weights))
+    except RuntimeError as error:
+        reason = " ".join(str(error).split())
+        raise ConfigError(f"{path}: weights of another forecaster ({reason})") from None
+    return state
+
+
+def _module(
+    forecaster: Forecaster,
+    windows: Windows,
+    plan: Plan,
+    objective: Objective,
+    feed: Feed,
+    begin: TrainingState | None,
+    keeper: Keeper,
+) -> TrainingModule:
+    """The Lightning module; Lightning is imported here, when training begins, and not before."""
+    from posecast.training.module import TrainingModule
+
+    forecaster.train()
+    return TrainingModule(
+        forecaster,
+        windows=windows,
+        objective=objective,
+        feed=feed,
+        prefix=plan.prefix,
+        learning_rate=plan.rate,
+        clip=plan.clip,
+        optimizer=plan.optimizer,
+        feedback_gradient=plan.feedback_gradient,
+        begin=begin,
+        after_epoch=keeper.after_epoch,
+    )
+
+
+def _trainer(
+    plan: Plan,
+    machines: Machines,
+    folder: Path,
+    begin: TrainingState | None,
+    loggers: Sequence[Logger] | None,
+) -> Trainer:
+    """A Lightning trainer that counts epochs and steps, and leaves everything else to us."""
+    from lightning.pytorch import Trainer
+    from lightning.pytorch.loggers import TensorBoardLogger
+
+    done = 0 if begin is None else begin.epoch
+    if loggers is None and importlib.util.find_spec("tensorboard"):
+        loggers = [TensorBoardLogger(folder, name="", version="tensorboard", purge_step=done + 1)]
+    return Trainer(
+        accelerator=machines.accelerator,
+        devices=machines.processes,
+        num_nodes=machines.machines,
+        strategy=machines.strategy,
+        max_epochs=plan.epochs - done,
+        logger=list(loggers or ()),
+        log_every_n_steps=1,
+        default_root_dir=folder,
+        enable_checkpointing=False,
+        enable_progress_bar=False,
+        enable_model_summary=False,
+        use_distributed_sampler=False,
+    )
+
+
+def _run(trainer: Trainer, module: TrainingModule, keeper: Keeper, *, progress: bool) -> None:
+    """Train, with PyTorch's random streams put back afterwards."""
+    device = trainer.strategy.root_device
+    own = [device] if device.type == "cuda" else []
+    with ExitStack() as stack:
+        stack.enter_context(torch.random.fork_rng(devices=own))
+        if trainer.is_global_zero:
+            stack.enter_context(keeper.open(progress=progress))
+        trainer.fit(module, range(module.windows.steps))
+
+
+@contextmanager
+def _quiet_lightning() -> Iterator[None]:
+    """Keep back Lightning's notes on hardware and on how it was called; warnings pass, but one."""
+    import lightning.pytorch  # noqa: F401  its import sets the levels that are changed here
+
+    names = ("lightning.pytorch", "lightning.fabric")
+    before = {name: logging.getLogger(name).level for name in names}
+    with warnings.catch_warnings():
+        # Lightning 2.6 names a class that PyTorch 2.13 has renamed; nobody here can change that.
+        warnings.filterwarnings("ignore", r"`isinstance\(treespec, LeafSpec\)` is deprecated")
+        for name in names:
+            logging.getLogger(name).setLevel(logging.WARNING)
+        try:
+            yield
+        finally:
+            for name, level in before.items():
+                logging.getLogger(name).setLevel(level)

@@ -1,0 +1,60 @@
+"""One training step without a framework: windows in, losses out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import torch
+from jaxtyping import Bool
+from torch import Tensor
+
+from posecast.model.forecaster import Forecaster
+from posecast.model.rollout import rollout
+from posecast.motion import Motion
+from posecast.training.losses import Comparison, Loss, Objective
+
+
+def training_loss(
+    forecaster: Forecaster,
+    motion: Motion,
+    *,
+    prefix: int,
+    mask: Bool[Tensor, "horizon"] | Sequence[bool],
+    objective: Objective,
+    feedback_gradient: bool = True,
+    generator: torch.Generator | None = None,
+) -> Loss:
+    """Roll a forecaster out over windows and compare with what really followed.
+
+    Args:
+        forecaster: what is trained; its codec writes the windows as features.
+        motion: windows of ``prefix`` frames and the horizon after them.
+        prefix: frames that are given, at least one.
+        mask: one boolean a step of the horizon, see ``feeding``.
+        objective: what to descend.
+        feedback_gradient: whether predictions that are fed back pass gradients on.
+        generator: what input dropout draws from; ``None``: PyTorch's own.
+    """
+    codec = forecaster.codec
+    # Encoded in one piece, so that signs are continuous from the prefix into the horizon.
+    features = codec.encode(motion)
+    given, truth = features[:, :prefix], features[:, prefix:]
+    found = rollout(
+        forecaster,
+        given,
+        truth.shape[1],
+        truth=truth,
+        truth_mask=mask,
+        feedback_gradient=feedback_gradient,
+        generator=generator,
+    )
+    return objective(
+        Comparison(
+            codec=codec,
+            predicted=found.features,
+            raw=found.raw,
+            target=truth,
+            offsets=motion.offsets,
+            order=objective.order,
+        )
+    )
