@@ -29,5 +29,10 @@ class DataError(PosecastError):
     def __init__(self, path: str | PathLike[str], message: str, line: int | None = None) -> None:
         self.path = fspath(path)
         self.line = line
+        self.message = message
         place = self.path if line is None else f"{self.path}, line {line}"
         super().__init__(f"{place}: {message}")
+
+    def __reduce__(self) -> tuple[type[DataError], tuple[str, str, int | None]]:
+        """Make the same error again, as when it comes out of a worker process."""
+        return type(self), (self.path, self.message, self.line)

@@ -1,5 +1,22 @@
 """The canonical clip and what can be done to it."""
 
 from posecast.motion.clip import Clip, Motion
+from posecast.motion.corpus import Corpus, Window, Windows
+from posecast.motion.pruning import drop_joints
+from posecast.motion.store import Store, pack
+from posecast.motion.transforms import mirror, resample, turn, unroll
 
-__all__ = ["Clip", "Motion"]
+__all__ = [
+    "Clip",
+    "Corpus",
+    "Motion",
+    "Store",
+    "Window",
+    "Windows",
+    "drop_joints",
+    "mirror",
+    "pack",
+    "resample",
+    "turn",
+    "unroll",
+]
