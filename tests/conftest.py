@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 import os
+import sys
+import types
 from pathlib import Path
 
 import pytest
+from beartype import BeartypeConf, beartype
 from jaxtyping import install_import_hook
 
-install_import_hook("posecast", "beartype.beartype")
+# The hook takes a checker by name. Ours lets a whole number stand for a float, as Python does.
+_checker = types.ModuleType("posecast_shape_checker")
+_checker.check = beartype(conf=BeartypeConf(is_pep484_tower=True))  # type: ignore[attr-defined]
+sys.modules[_checker.__name__] = _checker
+install_import_hook("posecast", "posecast_shape_checker.check")
 
 import torch  # noqa: E402
 

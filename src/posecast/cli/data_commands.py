@@ -1,0 +1,173 @@
+"""Verbs about motion data: convert, inspect, doctor, view."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from posecast.cli.terminal import JsonOption, print_json, progress_bar, say
+from posecast.errors import ConfigError, DataError
+
+if TYPE_CHECKING:
+    from posecast.motion import Clip
+
+MOTION_SUFFIXES = (".bvh", ".amc", ".npz", ".txt")
+FpsOption = Annotated[
+    float | None,
+    typer.Option("--fps", help="True frame rate of the input, where its header is wrong."),
+]
+
+
+def register(app: typer.Typer) -> None:
+    """Add this file's verbs to the command line."""
+    app.command(epilog="Example: posecast convert walk.bvh walk.npz")(convert)
+    app.command(epilog="Example: posecast inspect walk.bvh")(inspect)
+    app.command(epilog="Example: posecast doctor data/h36m")(doctor)
+    app.command(epilog="Example: posecast view walk.bvh --out walk.gif")(view)
+
+
+def convert(
+    source: Annotated[Path, typer.Argument(help="A file, or a folder of files (with --to).")],
+    target: Annotated[Path, typer.Argument(help="The file or folder to write.")],
+    to: Annotated[
+        str | None, typer.Option("--to", help="bvh or npz: what a folder is converted to.")
+    ] = None,
+    fps: FpsOption = None,
+    resample: Annotated[
+        float | None, typer.Option("--resample", help="Frame rate of the output.")
+    ] = None,
+) -> None:
+    """Convert motion capture: BVH, ASF/AMC, H3.6M text, AMASS or archive to BVH or archive."""
+    if not source.is_dir():
+        _convert_file(source, target, fps=fps, resample=resample)
+        return
+    if to not in ("bvh", "npz"):
+        raise ConfigError(f"{source} is a folder: say what to convert to with --to bvh or --to npz")
+    files = sorted(path for path in source.rglob("*") if path.suffix.lower() in MOTION_SUFFIXES)
+    if not files:
+        raise DataError(source, f"no motion found; looked for {', '.join(MOTION_SUFFIXES)}")
+    with progress_bar("converting") as advance:
+        for done, path in enumerate(files, start=1):
+            written = (target / path.relative_to(source)).with_suffix(f".{to}")
+            written.parent.mkdir(parents=True, exist_ok=True)
+            _convert_file(path, written, fps=fps, resample=resample)
+            advance(done, len(files))
+    say(f"{len(files)} files written to {target}")
+
+
+def inspect(
+    files: Annotated[list[Path], typer.Argument(help="Motion files.")],
+    as_json: JsonOption = False,
+    fps: FpsOption = None,
+) -> None:
+    """Say what is in a motion file: joints, body, frame rate, length, extent, notes."""
+    facts = [_facts(path, load_clip(path, fps=fps)) for path in files]
+    if as_json:
+        print_json(facts[0] if len(facts) == 1 else facts)
+        return
+    for fact in facts:
+        _print_facts(fact)
+
+
+def doctor(
+    path: Annotated[Path, typer.Argument(help="A folder of motion capture, or one file.")],
+    as_json: JsonOption = False,
+) -> None:
+    """Say which corpus a folder is, what is missing, what looks wrong, and what to do."""
+    from posecast.corpora.doctor import examine
+
+    with progress_bar("examining") as advance:
+        report = examine(path, progress=advance)
+    if as_json:
+        print_json(report.to_json())
+    else:
+        typer.echo(report.to_text())
+
+
+def view(
+    clips: Annotated[list[Path], typer.Argument(help="One or several clips, drawn side by side.")],
+    out: Annotated[Path, typer.Option("--out", help="X.png (a strip), X.gif or X.mp4.")],
+    fps: FpsOption = None,
+    split_ms: Annotated[
+        float | None, typer.Option("--split-ms", help="Frames after this time are the forecast.")
+    ] = None,
+) -> None:
+    """Draw one or several clips without a display."""
+    from posecast.viewer import draw
+
+    loaded = [load_clip(path, fps=fps) for path in clips]
+    split = None if split_ms is None else round(split_ms / 1000 * loaded[0].fps)
+    draw(loaded, out, titles=[path.stem for path in clips], split_frame=split)
+    say(f"{out} written")
+
+
+def load_clip(path: Path, *, fps: float | None = None) -> Clip:
+    """Read any motion file; ``fps`` takes the place of a wrong header."""
+    from dataclasses import replace
+
+    from posecast.io import read_clip
+
+    clip = read_clip(path)
+    if fps is None:
+        return clip
+    if not fps > 0:
+        raise ConfigError(f"--fps {fps:g}: expected a positive number of frames per second")
+    return replace(clip, fps=fps)
+
+
+def _convert_file(source: Path, target: Path, *, fps: float | None, resample: float | None) -> None:
+    from posecast.io import write_clip
+    from posecast.motion import transforms
+
+    clip = load_clip(source, fps=fps)
+    if resample is not None:
+        clip = transforms.resample(clip, resample, phases="first")[0]
+    write_clip(clip, target)
+
+
+def _print_facts(fact: dict[str, Any]) -> None:
+    """What ``inspect`` found, for people."""
+    joints, notes = fact.pop("joints"), fact.pop("notes")
+    typer.echo(fact.pop("file"))
+    for key, value in fact.items():
+        typer.echo(f"  {key}: {value}")
+    for note in notes:
+        typer.echo(f"  note: {note}")
+    typer.echo(f"  joints: {len(joints)}")
+    for joint in joints:
+        parent = joint["parent"] or "world"
+        typer.echo(f"    {joint['name']} < {parent}, {joint['length_m']:.3f} m")
+
+
+def _facts(path: Path, clip: Clip) -> dict[str, Any]:
+    from posecast.skeleton.kinematics import joint_positions
+
+    skeleton = clip.skeleton
+    offsets = clip.offsets if clip.translations_local is None else clip.translations_local
+    positions = joint_positions(skeleton, clip.rotations_local, offsets, clip.root_positions)
+    low, high = positions.amin(dim=(0, 1)).tolist(), positions.amax(dim=(0, 1)).tolist()
+    heights = positions[..., 1].amax(-1) - positions[..., 1].amin(-1)
+    return {
+        "file": str(path),
+        "frames": clip.frames,
+        "fps": clip.fps,
+        "seconds": round(clip.duration, 3),
+        "height_m": round(float(heights.median()), 3),
+        "extent_m": [round(b - a, 3) for a, b in zip(low, high, strict=True)],
+        "bones_move": clip.translations_local is not None,
+        "labels": dict(clip.labels),
+        "tracks": sorted(clip.tracks),
+        "notes": list(getattr(clip.source, "notes", ())),
+        "joints": [
+            {
+                "name": name,
+                "parent": None if parent < 0 else skeleton.names[parent],
+                "length_m": float(offset.norm()),
+            }
+            for name, parent, offset in zip(
+                skeleton.names, skeleton.parents, clip.offsets, strict=True
+            )
+        ],
+    }

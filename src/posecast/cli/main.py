@@ -1,0 +1,63 @@
+"""The command line: verbs, and exit codes 0, 1 (it failed) or 2 (you asked for something wrong)."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Sequence
+from typing import Annotated
+
+import typer
+
+from posecast import __version__
+from posecast.cli import data_commands, model_commands
+from posecast.errors import PosecastError
+
+app = typer.Typer(
+    name="posecast",
+    help="Modelling human motion: read motion capture, forecast the next poses, compare systems.",
+    epilog="Example: posecast demo",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"posecast {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _common(
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", callback=_print_version, is_eager=True, help="Say which version."
+        ),
+    ] = False,
+) -> None:
+    """Modelling human motion: read motion capture, forecast the next poses, compare systems."""
+
+
+for register in (model_commands.register, data_commands.register):
+    register(app)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the command line; what a user can mend is one line on standard error and exit code 2."""
+    try:
+        app(args=None if arguments is None else list(arguments), prog_name="posecast")
+    except PosecastError as error:
+        sys.stderr.write(f"posecast: {error}\n")
+        sys.exit(2)
+    except BrokenPipeError:
+        # The reader of our output is gone (as in `posecast ... | head`): nothing left to say to it.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(1)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,198 @@
+"""Verbs about systems: demo, recipes, train, evaluate, forecast."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from posecast.cli.terminal import (
+    CorpusOption,
+    JsonOption,
+    RootOption,
+    print_json,
+    progress_bar,
+    say,
+)
+from posecast.errors import ConfigError
+
+if TYPE_CHECKING:
+    from posecast.motion.corpus import Corpus
+    from posecast.recipe import Recipe
+
+Overrides = Annotated[
+    list[str] | None, typer.Argument(help="key.path=value, such as training.epochs=100")
+]
+
+
+def register(app: typer.Typer) -> None:
+    """Add this file's verbs to the command line."""
+    app.command(epilog="Example: posecast demo")(demo)
+    app.command(epilog="Example: posecast recipes quaternet-vel")(recipes)
+    app.command(epilog="Example: posecast train quaternet-vel-small --out runs/small")(train)
+    app.command(
+        epilog="Example: posecast evaluate zero-velocity --corpus synthetic --protocol short-term"
+    )(evaluate)
+    app.command(
+        epilog="Example: posecast forecast runs/small/best walk.bvh --horizon-ms 1000 --out out.bvh"
+    )(forecast)
+
+
+def demo(
+    out: Annotated[Path, typer.Option("--out", help="Folder for everything it writes.")] = Path(
+        "demo"
+    ),
+) -> None:
+    """Train a small model on synthetic motion and show what it can do; minutes on two cores."""
+    from posecast.cli.demo import run_demo
+
+    run_demo(out)
+
+
+def recipes(
+    name: Annotated[str | None, typer.Argument(help="Show this one in full.")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """List the systems that come with posecast: source, size, what to expect."""
+    import yaml
+
+    from posecast.recipe import list_recipes, load_recipe
+
+    if name is not None:
+        config = dict(load_recipe(name).config)
+        if as_json:
+            print_json(config)
+        else:
+            typer.echo(yaml.safe_dump(config, sort_keys=False, allow_unicode=True), nl=False)
+        return
+    rows = [_recipe_row(each) for each in list_recipes()]
+    if as_json:
+        print_json(rows)
+        return
+    for row in rows:
+        size = "" if row["parameters"] is None else f" ({row['parameters']:,} parameters)"
+        typer.echo(f"{row['name']}: {row['summary']}{size}")
+        typer.echo(f"    source: {row['source']}")
+        typer.echo(f"    expect: {row['expect']}")
+
+
+def train(
+    recipe: Annotated[str, typer.Argument(help="Name of a recipe, or the path of a YAML file.")],
+    overrides: Overrides = None,
+    out: Annotated[Path, typer.Option("--out", help="Folder of the run.")] = Path("runs/new"),
+    corpus: CorpusOption = None,
+    root: RootOption = None,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on with the run that is in the folder.")
+    ] = False,
+    accelerator: Annotated[str, typer.Option(help="auto, cpu, gpu, ...")] = "auto",
+    devices: Annotated[int | None, typer.Option(help="How many on each machine.")] = None,
+    nodes: Annotated[int | None, typer.Option(help="How many machines.")] = None,
+    quiet: Annotated[bool, typer.Option("--quiet", help="No progress.")] = False,
+) -> None:
+    """Train a system; writes checkpoints to OUT/last and OUT/best, logs beside them."""
+    from posecast.recipe import load_recipe
+    from posecast.system import train as train_system
+    from posecast.training.plan import Machines
+
+    chosen = load_recipe(recipe, overrides or (), corpus=corpus)
+    machines = Machines(accelerator, devices or "auto", nodes or "auto")
+    data = read_corpus(chosen, root)
+    result = train_system(chosen, data, out, machines=machines, resume=resume, progress=not quiet)
+    if not result.is_main_process:
+        return
+    for note in data.notes:
+        say(f"note: {note}")
+    if result.skipped:
+        say(f"note: {result.skipped} recordings are shorter than a window and were not used")
+    say(f"{result.epochs} epochs, {result.updates} updates: {out / 'last'}")
+    if result.best is not None:
+        best = result.best
+        say(
+            f"best validation after epoch {best.epoch}, {best.metric} "
+            f"{best.metrics[best.metric]:.4f}: {out / 'best'}"
+        )
+
+
+def evaluate(
+    systems: Annotated[
+        list[str],
+        typer.Argument(
+            help="Checkpoint folders, or zero-velocity, running-average-2, running-average-4. "
+            "Several checkpoints are runs of one system: mean and spread are reported."
+        ),
+    ],
+    corpus: CorpusOption = None,
+    root: RootOption = None,
+    protocol: Annotated[
+        str | None, typer.Option("--protocol", help="h36m-standard, h36m-128 or short-term.")
+    ] = None,
+    split: Annotated[str, typer.Option("--split", help="Which clips are scored.")] = "test",
+    as_json: JsonOption = False,
+    markdown: Annotated[
+        Path | None, typer.Option("--markdown", help="Write the table there, too.")
+    ] = None,
+    csv: Annotated[Path | None, typer.Option("--csv", help="Write the rows there, too.")] = None,
+) -> None:
+    """Score systems under a protocol, beside zero velocity and running averages."""
+    from posecast.cli.scoring import score_systems
+
+    report = score_systems(systems, corpus=corpus, root=root, protocol=protocol, split=split)
+    for path, text in ((markdown, report.to_markdown()), (csv, report.to_csv())):
+        if path is not None:
+            _write_text(path, text)
+    typer.echo(report.to_json() if as_json else report.to_markdown())
+
+
+def forecast(
+    checkpoint: Annotated[Path, typer.Argument(help="A checkpoint folder.")],
+    clip: Annotated[Path, typer.Argument(help="A motion file with the checkpoint's skeleton.")],
+    out: Annotated[Path, typer.Option("--out", help="The BVH or archive to write.")],
+    horizon_ms: Annotated[
+        float, typer.Option("--horizon-ms", help="How far to look ahead, milliseconds.")
+    ] = 1000,
+    fps: Annotated[
+        float | None,
+        typer.Option("--fps", help="True frame rate of the clip, where its header is wrong."),
+    ] = None,
+) -> None:
+    """Continue a clip: writes the clip and its forecast in the clip's own conventions."""
+    from posecast.cli.data_commands import load_clip
+    from posecast.io import write_clip
+    from posecast.system import load
+
+    system = load(checkpoint)
+    known = load_clip(clip, fps=fps)
+    write_clip(system.forecast(known, horizon_ms=horizon_ms), out)
+    say(f"{out} written: the forecast begins after {known.frames} frames")
+
+
+def read_corpus(recipe: Recipe, root: Path | None) -> Corpus:
+    """A recipe's corpus, with a bar while files are parsed for the first time."""
+    kind = recipe.config["corpus"]["kind"]
+    if root is not None and not root.is_dir():
+        raise ConfigError(f"--root {root}: not a folder; give the folder of corpus {kind!r}")
+    with progress_bar(f"reading {kind}") as advance:
+        return recipe.build_corpus(root, progress=advance)
+
+
+def _recipe_row(name: str) -> dict[str, str | int | None]:
+    """One line of the list; parameters are counted on the skeleton the paper used."""
+    from posecast.recipe import count_parameters, load_recipe
+
+    recipe = load_recipe(name)
+    return {
+        "name": name,
+        **{text: str(recipe.config[text]) for text in ("summary", "source", "expect")},
+        "corpus": str(recipe.config["corpus"]["kind"]),
+        "protocol": str(recipe.config["protocol"]["kind"]),
+        "parameters": count_parameters(recipe),
+    }
+
+
+def _write_text(path: Path, text: str) -> None:
+    from posecast.io.atomic import atomic_write
+
+    with atomic_write(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")

@@ -1,0 +1,75 @@
+"""What commands share: JSON on standard output, progress on standard error, option texts."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+JsonOption = Annotated[
+    bool, typer.Option("--json", help="Print one JSON object and nothing else, for programs.")
+]
+CorpusOption = Annotated[
+    str | None,
+    typer.Option("--corpus", help="Named corpus: synthetic, cmu-salsa, h36m, folder, ..."),
+]
+RootOption = Annotated[
+    Path | None, typer.Option("--root", help="Folder in which that corpus lies, unpacked.")
+]
+
+
+def print_json(value: Any) -> None:
+    """One JSON value on standard output; numbers that JSON cannot say become null."""
+    sys.stdout.write(json.dumps(_finite(value), indent=1, ensure_ascii=False) + "\n")
+
+
+def say(text: str) -> None:
+    """A line for people, on standard error, so that standard output stays for results."""
+    sys.stderr.write(text + "\n")
+
+
+@contextmanager
+def progress_bar(label: str) -> Iterator[Callable[[int, int], None]]:
+    """A bar on standard error while a long job runs; silent where there is no terminal.
+
+    Yields:
+        A function to call with (done, total).
+    """
+    if not sys.stderr.isatty():
+        yield lambda done, total: None
+        return
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeRemainingColumn,
+    )
+
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(label, total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)
+
+
+def _finite(value: Any) -> Any:
+    """The same structure with NaN and infinity as null."""
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    if isinstance(value, dict):
+        return {str(key): _finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(item) for item in value]
+    return value

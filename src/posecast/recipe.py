@@ -1,0 +1,301 @@
+"""A recipe, the YAML of one system, checked whole and turned into its parts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+import torch
+
+from posecast.config import (
+    check_call,
+    check_keys,
+    did_you_mean,
+    merge,
+    parse_overrides,
+    pick_kind,
+    read_yaml,
+)
+from posecast.corpora import CORPORA, build_corpus
+from posecast.corpora.gait.body import SKELETON
+from posecast.errors import ConfigError
+from posecast.evaluation.protocol import PROTOCOLS, Protocol
+from posecast.model import BACKBONES, HEADS, ControlLayers, Forecaster
+from posecast.motion.corpus import Corpus
+from posecast.representation import REPRESENTATIONS, Codec, Statistics, build_representation
+from posecast.skeleton import Skeleton
+from posecast.skeleton.catalog import named_skeleton
+from posecast.training.feeding import FEEDS, Feed
+from posecast.training.losses import Objective
+from posecast.training.plan import Plan
+from posecast.training.sampling import SAMPLINGS, Sampling
+
+RECIPES = Path(__file__).parent / "recipes"
+TEXTS = ("name", "summary", "source", "expect")
+SECTIONS = ("fps", "corpus", "representation", "codec", "model", "training", "protocol")
+MODEL_PARTS = ("backbone", "head", "controls")
+TRAINING_PARTS = ("feed", "objective", "sampling")
+CORPUS_PROVIDED = ("root", "fps", "cache", "progress")
+
+CORPUS_SKELETONS: Mapping[str, Callable[[], Skeleton]] = {
+    "h36m": lambda: named_skeleton("h36m-32").skeleton,
+    "synthetic": lambda: SKELETON,
+}
+"""Skeletons of corpora that are known before any file is read."""
+
+Standardize = Literal["none", "deviation", "variance"]
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """One system: its parts by name, and their arguments.
+
+    Args:
+        config: the resolved sections, nested dictionaries; see ``TEXTS`` and ``SECTIONS``.
+
+    Raises:
+        ConfigError: a key that nobody reads, one that is missing, or a value of the wrong type.
+    """
+
+    config: Mapping[str, Any]
+
+    def __post_init__(self) -> None:
+        config = self.config
+        check_keys(config, (*TEXTS, *SECTIONS), self.name)
+        missing = [section for section in (*TEXTS, *SECTIONS) if section not in config]
+        if missing:
+            raise ConfigError(f"{self.name}: {', '.join(missing)} must be given")
+        for section in SECTIONS[1:]:
+            if not isinstance(config[section], Mapping):
+                raise ConfigError(f"{self._at(section)}: found {config[section]!r}, expected keys")
+        if not isinstance(self.config["fps"], int | float) or not self.fps > 0:
+            raise ConfigError(
+                f"{self.name}.fps: found {config['fps']!r}, expected a positive number"
+            )
+        self._check_kind(CORPORA, "corpus", CORPUS_PROVIDED)
+        self._check_kind(REPRESENTATIONS, "representation", ("skeleton",))
+        self._check_kind(PROTOCOLS, "protocol")
+        check_call(
+            _codec,
+            config["codec"],
+            where=self._at("codec"),
+            provided=("skeleton", "representation", "statistics"),
+        )
+        model = self._without("model", MODEL_PARTS)
+        check_call(Forecaster, model, where=self._at("model"), provided=("codec", *MODEL_PARTS))
+        self._check_kind(BACKBONES, "model.backbone", ("input_dim",))
+        self._check_kind(HEADS, "model.head", ("context_dim", "skeleton", "joint_dim"))
+        if config["model"].get("controls") is not None:
+            check_call(ControlLayers, config["model"]["controls"], where=self._at("model.controls"))
+        check_call(Plan, self._without("training", TRAINING_PARTS), where=self._at("training"))
+        self._check_kind(FEEDS, "training.feed")
+        self._check_kind(SAMPLINGS, "training.sampling")
+        check_call(
+            Objective, self._section("training.objective"), where=self._at("training.objective")
+        )
+        # Built here only for their own checks: all three are small values.
+        _ = self.plan, self.feed, self.sampling, self.objective, self.protocol
+
+    @property
+    def name(self) -> str:
+        """What the system is called in tables and messages."""
+        return str(self.config.get("name", "recipe"))
+
+    @property
+    def fps(self) -> float:
+        """Frames per second at which the system works."""
+        return float(self.config["fps"])
+
+    @property
+    def plan(self) -> Plan:
+        """How the forecaster is trained."""
+        return self._named("training", lambda: Plan(**self._without("training", TRAINING_PARTS)))
+
+    @property
+    def feed(self) -> Feed:
+        """Which steps of a training rollout read the truth."""
+        return self._named("training.feed", lambda: self._build(FEEDS, "training.feed"))
+
+    @property
+    def sampling(self) -> Sampling:
+        """Which recordings an epoch sees."""
+        return self._named("training.sampling", lambda: self._build(SAMPLINGS, "training.sampling"))
+
+    @property
+    def objective(self) -> Objective:
+        """What training descends."""
+        section = dict(self._section("training.objective"))
+        # A weight of null leaves out a term that the extended recipe has.
+        section["terms"] = {
+            term: weight for term, weight in section["terms"].items() if weight is not None
+        }
+        return self._named("training.objective", lambda: Objective(**section))
+
+    @property
+    def protocol(self) -> Protocol:
+        """How the system is scored."""
+        return self._named("protocol", lambda: self._build(PROTOCOLS, "protocol"))
+
+    def build_corpus(
+        self,
+        root: Path | None = None,
+        *,
+        cache: Path | None = None,
+        progress: Callable[[int, int], None] | None = None,
+    ) -> Corpus:
+        """Read the corpus, at the frame rate of the system.
+
+        Args:
+            root: folder of the recordings; a corpus that is generated needs none.
+            cache: where parsed recordings are kept; ``None``: the user's cache folder.
+            progress: called with (files done, files in all).
+        """
+        options = dict(self.config["corpus"])
+        return build_corpus(
+            options.pop("kind"), root=root, fps=self.fps, cache=cache, progress=progress, **options
+        )
+
+    def build_codec(self, skeleton: Skeleton, statistics: Statistics | None = None) -> Codec:
+        """How motion becomes features.
+
+        Args:
+            skeleton: whose motion.
+            statistics: what the network standardizes by: see ``measure``.
+        """
+        options = dict(self.config["representation"])
+        representation = build_representation(options.pop("kind"), skeleton, **options)
+        return _codec(skeleton, representation, statistics, **self.config["codec"])
+
+    def measure(self, corpus: Corpus) -> Statistics | None:
+        """Statistics of the training split; ``None`` if the recipe does not standardize."""
+        divide_by = self.config["codec"].get("standardize", "none")
+        if divide_by == "none":
+            return None
+        plain = self.build_codec(corpus.skeleton)
+        return plain.measure((clip.motion() for clip in corpus.split("train")), divide_by=divide_by)
+
+    def build_forecaster(self, codec: Codec) -> Forecaster:
+        """The network, its weights drawn from the recipe's seed by PyTorch's own generator."""
+        model = self.config["model"]
+        controls = model.get("controls")
+        return Forecaster(
+            codec,
+            backbone=partial(self._build, BACKBONES, "model.backbone"),
+            head=partial(self._build, HEADS, "model.head"),
+            controls=None if controls is None else ControlLayers(**controls),
+            **self._without("model", MODEL_PARTS),
+        )
+
+    def _section(self, place: str) -> Mapping[str, Any]:
+        """The section at a dotted place."""
+        found: Any = self.config
+        for key in place.split("."):
+            found = found.get(key) if isinstance(found, Mapping) else None
+        if not isinstance(found, Mapping):
+            raise ConfigError(f"{self._at(place)}: found {found!r}, expected a section of keys")
+        return found
+
+    def _without(self, section: str, parts: Sequence[str]) -> dict[str, Any]:
+        """A section's own arguments, its parts left out."""
+        return {key: value for key, value in self.config[section].items() if key not in parts}
+
+    def _check_kind(
+        self, table: Mapping[str, Callable[..., Any]], place: str, provided: Sequence[str] = ()
+    ) -> None:
+        """Check the section at ``place`` against the member of ``table`` it names."""
+        factory, arguments = pick_kind(table, self._section(place), self._at(place))
+        check_call(factory, arguments, where=self._at(place), provided=provided)
+
+    def _build(self, table: Mapping[str, Callable[..., Any]], place: str, *arguments: Any) -> Any:
+        """The part that the section at ``place`` names, built."""
+        factory, options = pick_kind(table, self._section(place), self._at(place))
+        return factory(*arguments, **options)
+
+    def _named(self, place: str, build: Callable[[], Any]) -> Any:
+        """``build()``, with the place in the recipe before what it complains about."""
+        try:
+            return build()
+        except ConfigError as error:
+            raise ConfigError(f"{self._at(place)}: {error}") from None
+
+    def _at(self, place: str) -> str:
+        return f"{self.name}: {place}"
+
+
+def count_parameters(recipe: Recipe) -> int | None:
+    """Number of trained values of a recipe's network; its weights are never allocated.
+
+    ``None`` where the skeleton is known only from the files of the recipe's corpus.
+    """
+    kind = recipe.config["corpus"]["kind"]
+    if kind not in CORPUS_SKELETONS:
+        return None
+    with torch.device("meta"):
+        forecaster = recipe.build_forecaster(recipe.build_codec(CORPUS_SKELETONS[kind]()))
+    return sum(weight.numel() for weight in forecaster.parameters())
+
+
+def list_recipes() -> tuple[str, ...]:
+    """Names of the recipes that come with the package."""
+    return tuple(sorted(path.stem for path in RECIPES.glob("*.yaml")))
+
+
+def load_recipe(name: str, overrides: Iterable[str] = (), *, corpus: str | None = None) -> Recipe:
+    """A recipe by name or path, with ``key.path=value`` overrides laid over it.
+
+    Args:
+        name: one of ``list_recipes``, or the path of a YAML file.
+        overrides: such as ``training.epochs=100``.
+        corpus: another corpus in the place of the recipe's, with that corpus's defaults.
+
+    Raises:
+        ConfigError: no such recipe, or something in it does not fit.
+    """
+    path = Path(name)
+    if path.suffix not in (".yaml", ".yml"):
+        path = RECIPES / f"{name}.yaml"
+        if not path.is_file():
+            raise ConfigError(f"no recipe is called {name!r}; {did_you_mean(name, list_recipes())}")
+    config = _resolve(path)
+    if corpus is not None:
+        config = merge(config, {"corpus": {"kind": corpus}})
+    return Recipe({"name": path.stem, **merge(config, parse_overrides(overrides))})
+
+
+def _resolve(path: Path) -> dict[str, Any]:
+    """A recipe laid over the one it extends. One level: chains hide what a system is."""
+    own = read_yaml(path)
+    base_name = own.pop("extends", None)
+    if base_name is None:
+        return own
+    beside = path.with_name(f"{base_name}.yaml")
+    base_path = beside if beside.is_file() else RECIPES / f"{base_name}.yaml"
+    if not base_path.is_file():
+        raise ConfigError(
+            f"{path.stem}: extends {base_name!r}, which does not exist; "
+            f"{did_you_mean(str(base_name), list_recipes())}"
+        )
+    base = read_yaml(base_path)
+    if "extends" in base:
+        raise ConfigError(
+            f"{path.stem}: extends {base_name!r}, which itself extends {base['extends']!r}; "
+            f"extend {base['extends']!r} instead"
+        )
+    return merge(base, own)
+
+
+def _codec(
+    skeleton: Skeleton,
+    representation: Any,
+    statistics: Statistics | None,
+    *,
+    root: Literal["none", "displacement"] = "none",
+    standardize: Standardize = "none",
+) -> Codec:
+    """A codec from a recipe's section ``codec``; its keywords are that section's keys."""
+    if standardize not in get_args(Standardize):
+        raise ConfigError(f"codec.standardize: {standardize!r} is not known")
+    return Codec(skeleton, representation, root=root, statistics=statistics)

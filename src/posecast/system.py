@@ -1,0 +1,211 @@
+"""A trained system: from a recipe to a run, from a run to a checkpoint, and back into memory."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import torch
+
+from posecast.checkpoint import Checkpoint, load_checkpoint, save_checkpoint
+from posecast.errors import ConfigError, DataError
+from posecast.evaluation.scores import AVERAGE, Scores
+from posecast.forecast import forecast_clip
+from posecast.model import Forecaster, ForecasterPredictor
+from posecast.motion import Clip
+from posecast.motion.corpus import Corpus
+from posecast.recipe import Recipe
+from posecast.representation import Statistics
+from posecast.skeleton import Skeleton
+
+if TYPE_CHECKING:
+    from posecast.training.plan import Machines
+    from posecast.training.run import FitResult
+
+STATISTICS = "statistics."
+WEIGHTS = "forecaster."
+
+
+@dataclass(frozen=True, eq=False)
+class System:
+    """A trained forecaster and what is needed to use it.
+
+    Args:
+        recipe: what it was built from.
+        forecaster: the network, with its codec.
+        offsets: a body for its skeleton, metres.
+        progress: how far training had come.
+    """
+
+    recipe: Recipe
+    forecaster: Forecaster
+    offsets: tuple[tuple[float, float, float], ...]
+    progress: Mapping[str, Any]
+
+    @property
+    def skeleton(self) -> Skeleton:
+        """The joints it predicts."""
+        return self.forecaster.codec.skeleton
+
+    @property
+    def fps(self) -> float:
+        """Frames per second of its steps."""
+        return self.recipe.fps
+
+    @property
+    def parameters(self) -> int:
+        """Number of trained values."""
+        return sum(weight.numel() for weight in self.forecaster.parameters())
+
+    @cached_property
+    def predictor(self) -> ForecasterPredictor:
+        """What protocols score: ``predict(prefix, horizon)``."""
+        return ForecasterPredictor(self.forecaster)
+
+    def forecast(self, clip: Clip, *, horizon_ms: float) -> Clip:
+        """A clip and what the system expects to follow it: see ``forecast.forecast_clip``."""
+        return forecast_clip(
+            self.predictor,
+            clip,
+            skeleton=self.skeleton,
+            fps=self.fps,
+            horizon_ms=horizon_ms,
+            prefix=self.recipe.plan.prefix,
+        )
+
+
+def load(folder: str | Path) -> System:
+    """Read a system back from a checkpoint folder; nothing in the folder is executed.
+
+    Raises:
+        DataError: not a checkpoint, or one whose weights do not fit its recipe.
+        ConfigError: a recipe this version does not understand.
+    """
+    checkpoint = load_checkpoint(Path(folder))
+    recipe = Recipe(checkpoint.recipe)
+    codec = recipe.build_codec(checkpoint.skeleton)
+    statistics = _part(checkpoint.tensors, STATISTICS)
+    if statistics:
+        try:
+            codec = recipe.build_codec(checkpoint.skeleton, statistics=Statistics(**statistics))
+        except TypeError:
+            raise DataError(
+                folder, f"statistics {sorted(statistics)}; expected mean, scale"
+            ) from None
+    with torch.random.fork_rng(devices=[]):  # the weights drawn here are replaced at once
+        forecaster = recipe.build_forecaster(codec)
+    try:
+        forecaster.load_state_dict(_part(checkpoint.tensors, WEIGHTS))
+    except RuntimeError as error:
+        reason = " ".join(str(error).split())
+        raise DataError(folder, f"the weights do not fit the recipe: {reason}") from None
+    forecaster.eval()
+    return System(recipe, forecaster, checkpoint.offsets, checkpoint.progress)
+
+
+def save(system: System, folder: str | Path) -> None:
+    """Write a system as a checkpoint folder, replacing an older checkpoint in one step.
+
+    Raises:
+        DataError: the folder cannot be written or holds something else.
+    """
+    statistics = system.forecaster.codec.statistics
+    tensors = {
+        WEIGHTS + name: value.detach().cpu()
+        for name, value in system.forecaster.state_dict().items()
+    }
+    if statistics is not None:
+        tensors |= {STATISTICS + name: value for name, value in statistics._asdict().items()}
+    save_checkpoint(
+        Checkpoint(
+            recipe=system.recipe.config,
+            skeleton=system.skeleton,
+            offsets=system.offsets,
+            fps=system.fps,
+            tensors=tensors,
+            progress=system.progress,
+        ),
+        Path(folder),
+    )
+
+
+def train(
+    recipe: Recipe,
+    corpus: Corpus,
+    folder: Path,
+    *,
+    machines: Machines | None = None,
+    resume: bool = False,
+    progress: bool = True,
+) -> FitResult:
+    """Train what a recipe describes; validation on the split of that name decides what is best.
+
+    Writes ``folder/last`` and, where the corpus has validation clips, ``folder/best``, both as
+    checkpoints, and logs beside them. The test split is never read.
+
+    Args:
+        recipe: what to train.
+        corpus: what to train on, at the recipe's frame rate.
+        folder: for the run.
+        machines: processes and devices; ``None``: as found.
+        resume: go on with the run that is in ``folder``.
+        progress: show how far it is, on standard error.
+    """
+    from posecast.training.run import fit
+
+    if corpus.fps != recipe.fps:
+        raise ConfigError(
+            f"{recipe.name} works at {recipe.fps:g} frames per second, the corpus has "
+            f"{corpus.fps:g}; build it at {recipe.fps:g}"
+        )
+    codec = recipe.build_codec(corpus.skeleton, recipe.measure(corpus))
+    with torch.random.fork_rng(devices=[]):
+        torch.random.manual_seed(recipe.plan.seed)
+        forecaster = recipe.build_forecaster(codec)
+    body = corpus.clips[corpus.splits["train"][0]].offsets.double().tolist()
+    offsets = tuple((x, y, z) for x, y, z in body)
+
+    def write(place: Path, trained: Forecaster, state: Mapping[str, Any]) -> None:
+        save(System(recipe, trained, offsets, state), place)
+
+    def validate(trained: Forecaster) -> dict[str, float]:
+        scores = recipe.protocol.score(ForecasterPredictor(trained), corpus, "validation")
+        return _summary(scores)
+
+    return fit(
+        forecaster,
+        corpus,
+        recipe.plan,
+        objective=recipe.objective,
+        feed=recipe.feed,
+        sampling=recipe.sampling,
+        folder=folder,
+        machines=machines,
+        validate=validate if corpus.splits.get("validation") else None,
+        save=write,
+        resume=resume,
+        progress=progress,
+    )
+
+
+def _summary(scores: Scores) -> dict[str, float]:
+    """Average rows by name; first, to select by, the first metric's mean over the horizons."""
+    averages = [row for row in scores.rows if row.action == AVERAGE]
+    first = averages[0].metric
+    over_horizons = [row.value for row in averages if row.metric == first]
+    return {
+        first: sum(over_horizons) / len(over_horizons),
+        **{f"{row.metric}_{row.horizon_ms:g}ms": row.value for row in averages},
+    }
+
+
+def _part(tensors: Mapping[str, torch.Tensor], prefix: str) -> dict[str, torch.Tensor]:
+    """The tensors whose names begin with ``prefix``, without it."""
+    return {
+        name.removeprefix(prefix): value
+        for name, value in tensors.items()
+        if name.startswith(prefix)
+    }
