@@ -305,5 +305,11 @@ def _cell(line: Line, digits: int) -> str:
     if line.std is not None:
         text += f" ± {line.std:.{digits}f}"
     if line.published is not None:
-        text += f" ({line.published.value:.2f})"
+        text += f" ({_as_printed(line.published.value)})"
     return text
+
+
+def _as_printed(value: float) -> str:
+    """A printed number with the decimals it was printed with, but at least two."""
+    digits = len(f"{value:.4f}".rstrip("0").partition(".")[2])
+    return f"{value:.{max(digits, 2)}f}"
