@@ -34,6 +34,7 @@ def _even_frames(clip: Clip) -> Clip:
         root_positions=clip.root_positions[::2],
         rotations_local=clip.rotations_local[::2],
         tracks={},
+        name="{subject}/{action}_{recording}".format(**clip.labels),
     )
 
 
@@ -54,31 +55,24 @@ def test_baselines_give_every_printed_cell_to_two_decimals(test_subject, system,
     for table in tables:
         name = next(name for name in PRINTED_NAMES[system] if name in table.systems)
         for action in set(table.systems[name]) & set(scores.actions):
-            for horizon, printed in zip(
-                table.horizons_ms, table.systems[name][action], strict=True
-            ):
+            cells = zip(table.horizons_ms, table.systems[name][action], strict=True)
+            for horizon, printed in cells:
                 found = scores.value("euler", horizon, action)
                 assert abs(found - printed) <= 0.005 + 1e-9, (table.source, action, horizon)
                 compared += 1
     classical = {"walking", "eating", "smoking", "discussion"}
-    measured = set(scores.actions)
-    assert len(measured) >= 11
-    expected = measured if protocol == "h36m-128" else measured & classical
-    assert compared == 4 * len(expected) * len(tables)
+    expected = set(scores.actions) if protocol == "h36m-128" else set(scores.actions) & classical
+    assert compared == 4 * len(expected) * len(tables) > 0
 
 
 @pytest.mark.parametrize(("protocol", "windows"), [("h36m-standard", 8), ("h36m-128", 256)])
 def test_every_action_has_its_windows_and_missing_files_are_named(test_subject, protocol, windows):
     sampling = build_protocol(protocol).windows(test_subject)
     assert all(len(group.windows) == windows for group in sampling.groups)
-    present = {
-        f"S5/{clip.labels['action']}_{clip.labels['recording']}.txt" for clip in test_subject.clips
-    }
-    both = {f"S5/{action}_{number}.txt" for action in H36M_ACTIONS for number in (1, 2)}
-    assert set(sampling.missing) == both - present
-    complete = [
-        action for action in H36M_ACTIONS if {f"S5/{action}_{n}.txt" for n in (1, 2)} <= present
-    ]
+    present = {f"{clip.name}.txt" for clip in test_subject.clips}
+    needed = {action: {f"S5/{action}_{n}.txt" for n in (1, 2)} for action in H36M_ACTIONS}
+    assert set(sampling.missing) == set().union(*needed.values()) - present
+    complete = [action for action, names in needed.items() if names <= present]
     assert [group.name for group in sampling.groups] == complete
 
 
@@ -91,7 +85,6 @@ def test_every_action_has_its_windows_and_missing_files_are_named(test_subject, 
     ],
 )
 def test_the_recordings_are_as_long_as_the_published_starts_demand(test_subject, action, starts):
-    groups = {
-        group.name: group for group in build_protocol("h36m-standard").windows(test_subject).groups
-    }
-    assert [window.start for window in groups[action].windows] == starts
+    sampling = build_protocol("h36m-standard").windows(test_subject)
+    windows = {group.name: group.windows for group in sampling.groups}
+    assert [window.start for window in windows[action]] == starts

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import torch
@@ -72,7 +73,7 @@ class Scores:
         """Metrics that were measured."""
         return tuple(dict.fromkeys(metric for _, metric in self.values))
 
-    @property
+    @cached_property
     def rows(self) -> tuple[Row, ...]:
         """A row for every action, metric and horizon, then those of the average over actions."""
         rows = [
