@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import torch
 from jaxtyping import Bool
@@ -19,6 +19,7 @@ from torch import Tensor
 from posecast.errors import ConfigError
 
 
+@runtime_checkable
 class Feed(Protocol):
     """Decides which steps read the truth. Same generator state, same mask."""
 

@@ -76,6 +76,8 @@ class Keeper:
 
     def open(self, *, progress: bool) -> Display:
         """Take the tables back to where the run begins, and make what shows its progress."""
+        for stale in self.folder.glob(f".{Path(STATE).stem}.*"):
+            stale.unlink(missing_ok=True)  # half a state, from a run that was killed while writing
         self.log = Table(self.folder / "log.csv", self.begin)
         self.validations = Table(self.folder / "validation.csv", self.begin)
         self.display = Display(begin=self.begin, epochs=self.plan.epochs, shown=progress)

@@ -50,7 +50,7 @@ class Plan:
     decay: float = 0.999
     decay_every: int | None = None
     clip: float | None = 0.1
-    optimizer: Literal["adam", "sgd"] = "adam"
+    optimizer: str = "adam"
     feedback_gradient: bool = True
     turn: bool = False
     mirror: bool = False

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal, NamedTuple, Protocol
+from typing import Literal, NamedTuple, Protocol, runtime_checkable
 
 import torch
 from jaxtyping import Int
@@ -22,6 +22,7 @@ from posecast.training import augmentation
 from posecast.training.schedules import derived_generator
 
 
+@runtime_checkable
 class Sampling(Protocol):
     """Chooses the recordings of an epoch."""
 

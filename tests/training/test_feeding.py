@@ -1,0 +1,60 @@
+"""Laws of the feeds: the share of truth follows the schedule; same generator, same mask."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+
+from posecast.errors import ConfigError
+from posecast.training.feeding import FEEDS, FreeRunning, ScheduledSampling, TeacherForcing
+
+EPOCHS = (0, 1, 40, 300)
+
+
+def test_there_are_three_feeds():
+    assert set(FEEDS) == {"teacher_forcing", "free_running", "scheduled_sampling"}
+
+
+@pytest.mark.parametrize("epoch", EPOCHS)
+@pytest.mark.parametrize("kind", FEEDS)
+def test_the_share_of_truth_follows_the_schedule(kind, epoch, generator):
+    feed = FEEDS[kind]()
+    masks = torch.stack([feed.mask(11, epoch, generator) for _ in range(2000)])
+    share = masks[:, 1:].double().mean().item()
+    # 20 000 draws: four standard deviations are at most 0.0142.
+    assert share == pytest.approx(feed.share(epoch), abs=0.015)
+
+
+@pytest.mark.parametrize("epoch", EPOCHS)
+@pytest.mark.parametrize("kind", FEEDS)
+def test_the_same_generator_gives_the_same_mask(kind, epoch):
+    feed = FEEDS[kind]()
+    first, second = (feed.mask(50, epoch, torch.Generator().manual_seed(3)) for _ in range(2))
+    assert torch.equal(first, second)
+    assert first.shape == (50,)
+
+
+@pytest.mark.parametrize("kind", FEEDS)
+def test_the_first_step_always_follows_a_true_frame(kind, generator):
+    feed = FEEDS[kind]()
+    assert all(feed.mask(3, 5000, generator)[0] for _ in range(20))
+
+
+def test_steps_are_drawn_one_by_one(generator):
+    mask = ScheduledSampling(0.5).mask(200, 1, generator)
+    assert 60 < mask.sum() < 140
+
+
+def test_scheduled_sampling_begins_as_teacher_forcing_and_ends_as_free_running(generator):
+    feed = ScheduledSampling(0.995)
+    forced, free = TeacherForcing(), FreeRunning()
+    assert torch.equal(feed.mask(500, 0, generator), forced.mask(500, 0, generator))
+    assert torch.equal(feed.mask(500, 10_000, generator), free.mask(500, 10_000, generator))
+    # Pavllo et al. 2018: 0.995 ** 920 = 0.0099
+    assert feed.share(900) > 0.01 > feed.share(930)
+
+
+@pytest.mark.parametrize("decay", [-0.1, 1.1])
+def test_a_decay_that_is_no_probability_is_refused(decay):
+    with pytest.raises(ConfigError, match="expected 0 to 1"):
+        ScheduledSampling(decay)

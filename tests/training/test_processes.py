@@ -1,0 +1,68 @@
+"""One run on two processes gives the evaluation of the same run on one."""
+
+from __future__ import annotations
+
+import csv
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import torch
+from safetensors.torch import load_file
+
+EPOCHS = 12
+WORKER = Path(__file__).with_name("worker.py")
+
+# Sums over a batch are made in another order, in float32; over 24 updates that grows to this.
+TOLERANCE = 1e-5
+
+
+def table(path: Path) -> torch.Tensor:
+    """The numbers of a table, without the column that depends on the clock."""
+    with path.open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    kept = [[float(value) for name, value in row.items() if name != "seconds"] for row in rows]
+    return torch.tensor(kept, dtype=torch.float64)
+
+
+def run(*command: str | Path) -> None:
+    """Run to the end, with one thread a process and no trace of an outer launcher."""
+    launched = ("RANK", "WORLD_SIZE", "LOCAL_", "GROUP_", "ROLE_", "MASTER_", "TORCHELASTIC_")
+    environment = {
+        name: value for name, value in os.environ.items() if not name.startswith(launched)
+    }
+    found = subprocess.run(
+        [sys.executable, "-W", "error::UserWarning", *command],
+        env={**environment, "OMP_NUM_THREADS": "1", "PYTHONPATH": str(WORKER.parent)},
+        capture_output=True,
+        text=True,
+        timeout=200,
+        check=False,
+    )
+    assert found.returncode == 0, found.stderr[-3000:]
+
+
+@pytest.mark.parametrize("launcher", ["torchrun", "lightning"])
+def test_two_processes_give_the_evaluation_of_one(tiny, tmp_path, launcher):
+    tiny.train(tmp_path / "one", epochs=EPOCHS)
+    two = tmp_path / "two"
+    arguments = (two, str(EPOCHS), "0")
+    if launcher == "torchrun":
+        run("-m", "torch.distributed.run", "--standalone", "--nproc-per-node=2", WORKER, *arguments)
+    else:
+        run(WORKER, *arguments, "2")
+    updates, best = (two / "done").read_text().split()
+    assert int(updates) == 2 * EPOCHS  # batches of 3 and 1: uneven shares, and an empty one
+    assert 1 <= int(best) <= EPOCHS
+    for name in ("log.csv", "validation.csv"):
+        one_table, two_table = table(tmp_path / "one" / name), table(two / name)
+        assert one_table.shape[0] == EPOCHS
+        torch.testing.assert_close(two_table, one_table, rtol=TOLERANCE, atol=TOLERANCE)
+    weights = [
+        load_file(folder / "last" / "weights.safetensors") for folder in (tmp_path / "one", two)
+    ]
+    assert len(weights[0]) > 4
+    for name, value in weights[0].items():
+        torch.testing.assert_close(weights[1][name], value, rtol=0, atol=TOLERANCE)

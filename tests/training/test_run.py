@@ -1,0 +1,227 @@
+"""Whole runs: learning by heart, killing and resuming, what is kept and what is refused."""
+
+from __future__ import annotations
+
+import csv
+import json
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+import torch
+from safetensors.torch import load_file
+
+from posecast.errors import ConfigError, DataError, SkeletonError
+from posecast.model import Forecaster
+from posecast.skeleton import Skeleton
+from posecast.training import STATE, Objective, Plan, fit
+from posecast.training.feeding import ScheduledSampling
+
+EPOCHS = 40
+
+
+def rows(folder: Path, table: str = "log.csv") -> list[dict[str, str]]:
+    """A table without the column that depends on the clock."""
+    with (folder / table).open(newline="") as file:
+        found = list(csv.DictReader(file))
+    return [{name: value for name, value in row.items() if name != "seconds"} for row in found]
+
+
+@pytest.fixture(scope="module")
+def whole(tiny, tmp_path_factory):
+    """An uninterrupted run: its folder and the forecaster it ended with."""
+    folder, forecaster = tmp_path_factory.mktemp("whole"), tiny.tiny_forecaster()
+    return folder, forecaster, tiny.train(folder, epochs=EPOCHS, forecaster=forecaster)
+
+
+def same_weights(first: Forecaster, second: Forecaster) -> bool:
+    """Whether two forecasters are equal bit by bit."""
+    pairs = zip(first.state_dict().items(), second.state_dict().items(), strict=True)
+    return all(one[0] == two[0] and torch.equal(one[1], two[1]) for one, two in pairs)
+
+
+def test_a_run_learns_four_windows_by_heart(tiny, tmp_path):
+    length = tiny.PREFIX + tiny.HORIZON
+    corpus = tiny.tiny_corpus((length,) * 4)
+    forecaster = tiny.tiny_forecaster()
+    fit(
+        forecaster,
+        corpus,
+        Plan(
+            epochs=150,
+            batch=4,
+            prefix=tiny.PREFIX,
+            horizon=tiny.HORIZON,
+            learning_rate=0.02,
+            decay=0.99,
+            clip=1.0,
+        ),
+        objective=Objective({"euler": 1.0, "penalty": 0.01}),
+        feed=ScheduledSampling(0.97),
+        folder=tmp_path,
+        progress=False,
+        loggers=(),
+    )
+    losses = [float(row["loss"]) for row in rows(tmp_path)]
+    assert len(losses) == 150
+    with torch.no_grad():
+        found = tiny.forecast_error(forecaster, corpus, "train")
+    assert found["forecast"] < 0.15 * found["still"]
+
+
+def test_a_run_writes_its_logs_its_checkpoints_and_its_state(whole):
+    folder, forecaster, result = whole
+    assert {path.name for path in folder.iterdir()} == {
+        *("best", "last", "log.csv", "state.safetensors", "validation.csv")
+    }
+    log, validations = rows(folder), rows(folder, "validation.csv")
+    assert [int(row["epoch"]) for row in log] == list(range(1, EPOCHS + 1))
+    assert list(log[0]) == [
+        *("epoch", "updates", "loss", "loss/euler", "loss/penalty"),
+        *("gradient_norm", "learning_rate", "teacher_forcing"),
+    ]
+    assert [float(log[k]["learning_rate"]) for k in (0, 10)] == [0.001, 0.001 * 0.999**10]
+    assert [float(log[k]["teacher_forcing"]) for k in (0, 10)] == [1.0, 0.98**10]
+    assert result.updates == int(log[-1]["updates"]) == 2 * EPOCHS
+    assert result.skipped == 1
+    errors = [float(row["forecast"]) for row in validations]
+    assert len(errors) == EPOCHS
+    assert result.best.metric == "forecast"
+    assert result.best.metrics["forecast"] == min(errors)
+    assert result.best.epoch == errors.index(min(errors)) + 1
+    best, last = (json.loads((folder / x / "progress.json").read_text()) for x in ("best", "last"))
+    assert (best["epoch"], last["epoch"]) == (result.best.epoch, EPOCHS)
+    assert best["validation"] == result.best.metrics
+    saved = load_file(folder / "last" / "weights.safetensors")
+    assert all(torch.equal(saved[name], value) for name, value in forecaster.state_dict().items())
+
+
+def test_a_killed_run_goes_on_as_if_nothing_had_happened(tiny, whole, tmp_path):
+    folder = tmp_path / "run"
+    worker = Path(__file__).with_name("worker.py")
+    run = subprocess.Popen([sys.executable, worker, folder, str(EPOCHS), "0.1"])
+    try:
+        deadline = time.monotonic() + 120
+        while not ((folder / STATE).exists() and len(rows(folder)) >= 7):
+            assert run.poll() is None
+            assert time.monotonic() < deadline
+            time.sleep(0.02)
+    finally:
+        run.send_signal(signal.SIGKILL)
+        run.wait()
+    assert not (folder / "done").exists()
+    interrupted = len(rows(folder))
+    assert interrupted < EPOCHS
+    (folder / ".state.0123456789ab.safetensors").write_bytes(b"half")
+    forecaster = tiny.tiny_forecaster(seed=99)  # other weights, to be replaced by the state's
+    result = tiny.train(folder, epochs=EPOCHS, forecaster=forecaster, resume=True)
+    assert rows(folder) == rows(whole[0])
+    assert rows(folder, "validation.csv") == rows(whole[0], "validation.csv")
+    assert same_weights(forecaster, whole[1])
+    assert result == whole[2]._replace(folder=folder)
+    assert not list(folder.glob(".*"))
+
+
+def test_a_finished_run_can_be_made_longer(tiny, whole, tmp_path):
+    forecaster = tiny.tiny_forecaster()
+    tiny.train(tmp_path, epochs=10, forecaster=forecaster)
+    again = tiny.train(tmp_path, epochs=10, forecaster=forecaster, resume=True)
+    assert (again.updates, again.averages) == (20, {})
+    tiny.train(tmp_path, epochs=EPOCHS, forecaster=forecaster, resume=True)
+    assert rows(tmp_path) == rows(whole[0])
+    assert same_weights(forecaster, whole[1])
+
+
+def test_dropout_too_is_resumed_exactly(tiny, tmp_path):
+    straight, halted = (tiny.tiny_forecaster(dropout=0.3) for _ in range(2))
+    tiny.train(tmp_path / "straight", epochs=6, forecaster=straight)
+    tiny.train(tmp_path / "halted", epochs=3, forecaster=halted)
+    tiny.train(tmp_path / "halted", epochs=6, forecaster=halted, resume=True)
+    assert rows(tmp_path / "halted") == rows(tmp_path / "straight")
+    assert same_weights(straight, halted)
+
+
+def test_training_leaves_the_global_random_state_alone(tiny, tmp_path):
+    forecaster = tiny.tiny_forecaster(dropout=0.3)
+    before = torch.get_rng_state()
+    tiny.train(tmp_path, epochs=2, forecaster=forecaster)
+    assert torch.equal(torch.get_rng_state(), before)
+
+
+def test_a_run_with_root_channels_trains_them(tiny, tmp_path):
+    forecaster = tiny.tiny_forecaster(root="displacement")
+    before = forecaster.root.weight.detach().clone()
+    fit(
+        forecaster,
+        tiny.tiny_corpus(),
+        Plan(epochs=2, batch=2, prefix=8, horizon=4),
+        objective=Objective({"euler": 1.0, "root": 1.0, "position": 1.0, "quaternion": 1.0}),
+        feed=ScheduledSampling(),
+        folder=tmp_path,
+        progress=False,
+        loggers=(),
+    )
+    assert not torch.equal(forecaster.root.weight, before)
+    assert set(rows(tmp_path)[0]) > {"loss/root", "loss/position", "loss/quaternion"}
+
+
+def test_without_loggers_named_tensorboard_gets_the_numbers(tiny, tmp_path):
+    fit(
+        tiny.tiny_forecaster(),
+        tiny.tiny_corpus(),
+        Plan(epochs=2, batch=2, prefix=8, horizon=4),
+        objective=Objective({"euler": 1.0}),
+        feed=ScheduledSampling(),
+        folder=tmp_path,
+        progress=False,
+    )
+    events = list((tmp_path / "tensorboard").glob("events.out.tfevents.*"))
+    assert len(events) == 1
+    assert b"gradient_norm" in events[0].read_bytes()
+
+
+def test_a_folder_with_a_run_in_it_is_not_overwritten(tiny, whole):
+    with pytest.raises(ConfigError, match="holds a training run already; resume it"):
+        tiny.train(whole[0], epochs=EPOCHS)
+
+
+def test_a_run_is_not_resumed_with_other_settings(tiny, whole):
+    with pytest.raises(ConfigError, match="batch was 3, now 4; seed was 0, now 8"):
+        tiny.train(whole[0], epochs=EPOCHS, resume=True, batch=4, seed=8)
+    with pytest.raises(ConfigError, match=f"{EPOCHS} epochs are done"):
+        tiny.train(whole[0], epochs=EPOCHS - 1, resume=True)
+
+
+def test_a_run_is_not_resumed_with_another_network(tiny, whole):
+    other = tiny.tiny_forecaster(hidden=7)
+    with pytest.raises(ConfigError, match="weights of another forecaster"):
+        tiny.train(whole[0], epochs=EPOCHS, resume=True, forecaster=other)
+
+
+@pytest.mark.parametrize("content", [b"", b"\x08\0\0\0\0\0\0\0{}      ", b"x" * 1000])
+def test_a_damaged_state_is_named(tiny, tmp_path, content):
+    (tmp_path / STATE).write_bytes(content)
+    with pytest.raises(DataError, match=r"state\.safetensors: is not a training state"):
+        tiny.train(tmp_path, epochs=2, resume=True)
+
+
+def test_a_metric_that_is_not_measured_is_refused(tiny, tmp_path):
+    with pytest.raises(ConfigError, match="did you mean 'forecast'"):
+        tiny.train(tmp_path, epochs=2, select_best_by="forecasts")
+
+
+def test_a_loss_that_explodes_stops_the_run(tiny, tmp_path):
+    with pytest.raises(ConfigError, match="training diverged in epoch 1"):
+        tiny.train(tmp_path, epochs=3, learning_rate=1e38, clip=None)
+    assert not (tmp_path / STATE).exists()
+
+
+def test_a_corpus_of_another_skeleton_is_refused(tiny, tmp_path):
+    forecaster = tiny.tiny_forecaster()
+    names = ("hips", "spine", "head", "larm", "rarm")
+    object.__setattr__(forecaster.codec, "skeleton", Skeleton(names, tiny.SKELETON.parents))
+    with pytest.raises(SkeletonError, match=r"larm.*left_arm"):
+        tiny.train(tmp_path, epochs=1, forecaster=forecaster)
