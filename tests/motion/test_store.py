@@ -7,7 +7,6 @@ import multiprocessing
 import os
 import pickle
 import shutil
-import stat
 import zlib
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
@@ -227,9 +226,9 @@ def test_writers_at_the_same_place_all_end_with_a_whole_store(tmp_path: Path) ->
         (tmp_path / f"key{damaged}").mkdir()
         (tmp_path / f"key{damaged}" / "manifest.json").write_text("{")
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(3, mp_context=context) as pool:
-        counts = list(pool.map(pack_again, [tmp_path] * 3, [20] * 3))
-    assert counts == [20, 20, 20]
+    with ProcessPoolExecutor(2, mp_context=context) as pool:
+        counts = list(pool.map(pack_again, [tmp_path] * 2, [20] * 2))
+    assert counts == [20, 20]
     shutil.rmtree(tmp_path / "key0")
     with ThreadPoolExecutor(4) as threads:
         counts = list(threads.map(pack_again, [tmp_path] * 4, [20] * 4))
@@ -279,8 +278,7 @@ def test_the_cache_lies_where_the_environment_says(
     assert default_folder() == tmp_path / "home" / ".cache" / "posecast"
 
 
-@pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
-def test_a_closed_folder_is_an_os_error(clips: list[Clip], tmp_path: Path) -> None:
-    tmp_path.chmod(stat.S_IRUSR | stat.S_IXUSR)
+def test_a_place_that_cannot_be_written_is_an_os_error(clips: list[Clip], tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("in the way")
     with pytest.raises(OSError):
-        pack(clips, tmp_path / "packed")
+        pack(clips, tmp_path / "file" / "packed")

@@ -207,6 +207,32 @@ def test_a_quarter_turn_takes_forward_to_the_left(make_clip: MakeClip) -> None:
     assert_close(clip.root_positions, left, atol=1e-15, rtol=0)
 
 
+def test_what_lies_on_the_floor_is_mirrored_turned_and_interpolated(make_clip: MakeClip) -> None:
+    heading = torch.linspace(0, 9, 31, dtype=torch.float64)
+    facing = torch.stack([heading.sin(), heading.cos()], dim=-1)
+    place = torch.randn(31, 2, dtype=torch.float64)
+    floor = torch.stack([place[:, 0], torch.zeros(31, dtype=torch.float64), place[:, 1]], dim=-1)
+    clip = make_clip(
+        frames=31, fps=60.0, root_positions=floor, tracks={"facing": facing, "path": place}
+    )
+    turned, mirrored = turn(clip, 0.7), mirror(clip)
+    assert_close(turned.tracks["path"], turned.root_positions[:, [0, 2]])
+    assert_close(mirrored.tracks["path"], mirrored.root_positions[:, [0, 2]])
+    ahead = torch.stack([(heading + 0.7).sin(), (heading + 0.7).cos()], dim=-1)
+    assert_close(turned.tracks["facing"], ahead)
+    assert_close(mirrored.tracks["facing"], facing * torch.tensor([-1.0, 1.0]).double())
+    (slow,) = resample(clip, 25)
+    assert slow.frames == 13
+    assert_close(slow.tracks["facing"].norm(dim=-1), torch.ones(13, dtype=torch.float64))
+    between = torch.arange(13, dtype=torch.float64) / 25 * 60 * 0.3
+    assert_close(
+        torch.atan2(slow.tracks["facing"][:, 0], slow.tracks["facing"][:, 1]).cos(),
+        between.cos(),
+        atol=3e-3,
+        rtol=0,
+    )
+
+
 def test_unrolled_quaternions_are_the_same_rotations_with_continuous_signs(
     make_clip: MakeClip, generator: torch.Generator
 ) -> None:

@@ -29,6 +29,13 @@ PHASE = "phase"
 """Track (T,): place in the walk cycle, radians; a period later it is the same place."""
 
 
+FACING = "facing"
+"""Track (T, 2): unit vector (x, z) on the floor, where the body faces."""
+
+PATH = "path"
+"""Track (T, 2): place (x, z) on the floor, metres, such as a point of the path followed."""
+
+
 def resample(
     clip: Clip, fps: float | int, *, phases: Literal["all", "first"] = "all"
 ) -> tuple[Clip, ...]:
@@ -38,7 +45,8 @@ def resample(
     begin at frames 0, 1, 2, 3 and have the label ``phase`` "0" to "3". Any other ratio gives one
     clip, interpolated in time from the first frame on: rotations along the shortest arc after
     unrolling, positions and floating-point tracks linearly, the track ``phase`` along the shorter
-    way round the circle, boolean and whole-number tracks from the nearest frame.
+    way round the circle, ``facing`` brought back to unit length, boolean and whole-number tracks
+    from the nearest frame.
 
     Args:
         clip: at any frame rate; a rate within 0.1 % of a multiple of ``fps`` counts as one.
@@ -122,6 +130,8 @@ def _interpolate_track(
 ) -> Tensor:
     if not values.is_floating_point():
         return values[torch.where(fraction < 0.5, before, after)]
+    if track == FACING:
+        return torch.nn.functional.normalize(_linear(values, before, after, fraction), dim=-1)
     if track != PHASE:
         return _linear(values, before, after, fraction)
     step = torch.remainder(values[after] - values[before] + math.pi, 2 * math.pi) - math.pi
@@ -139,8 +149,8 @@ def mirror(clip: Clip) -> Clip:
 
     Joints change places with their twins on the other side, found by name; those without one stay
     on the middle line. The body is reflected too, so asymmetric bones are. The columns of the
-    track ``contacts`` change places and ``phase`` is shifted by half a cycle; other tracks are
-    kept. The label ``mirrored`` is "yes" after one reflection and gone after two.
+    track ``contacts`` change places, ``phase`` is shifted by half a cycle, ``facing`` and ``path``
+    are reflected; other tracks are kept. The label ``mirrored`` is "yes" after one reflection and gone after two.
 
     Raises:
         SkeletonError: two joints are twins by name, but their parents are not.
@@ -184,11 +194,16 @@ def _mirrored_tracks(tracks: Mapping[str, Tensor]) -> dict[str, Tensor]:
         mirrored[CONTACTS] = mirrored[CONTACTS].flip(-1)
     if PHASE in mirrored:
         mirrored[PHASE] = _as_written(mirrored[PHASE], mirrored[PHASE] + math.pi)
+    for track in (FACING, PATH):
+        if track in mirrored:
+            mirrored[track] = mirrored[track] * mirrored[track].new_tensor((-1.0, 1.0))
     return mirrored
 
 
 def turn(clip: Clip, angle: float | int) -> Clip:
     """Turn a clip about the vertical axis through the world's origin.
+
+    The tracks ``facing`` and ``path`` are turned along.
 
     Args:
         clip: its roots are turned; all other joints keep their local rotations.
@@ -211,7 +226,19 @@ def turn(clip: Clip, angle: float | int) -> Clip:
         root_positions=quaternion.rotate(about.to(clip.root_positions), clip.root_positions),
         rotations_local=rotations,
         translations_local=moved,
+        tracks={
+            track: _turn_on_floor(values, angle) if track in (FACING, PATH) else values
+            for track, values in clip.tracks.items()
+        },
     )
+
+
+def _turn_on_floor(
+    values: Float[Tensor, "frames 2"], angle: float | int
+) -> Float[Tensor, "frames 2"]:
+    x, z = values.unbind(-1)
+    sine, cosine = math.sin(angle), math.cos(angle)
+    return torch.stack([cosine * x + sine * z, cosine * z - sine * x], dim=-1)
 
 
 def unroll(clip: Clip) -> Clip:
