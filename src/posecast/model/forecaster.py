@@ -74,6 +74,16 @@ class Forecaster(nn.Module):
             )
         if not 0 <= input_dropout < 1:
             raise ConfigError(f"input_dropout: {input_dropout} is no share; expected 0 <= it < 1")
+        if projection_activation not in ("none", "relu"):
+            raise ConfigError(
+                f"projection_activation: {projection_activation!r} is not known; "
+                "choose 'none' or 'relu'"
+            )
+        if projection is None and projection_activation != "none":
+            raise ConfigError(
+                f"projection_activation: {projection_activation!r} follows a projection, but there "
+                "is none; set projection to its size, or leave the activation out"
+            )
         self.codec = codec
         self.residual: Residual = residual
         self.input_dropout = input_dropout

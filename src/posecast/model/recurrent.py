@@ -10,6 +10,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from posecast.errors import ConfigError
+from posecast.model.gru_kernel import GRULayer
 
 State = tuple[Tensor, ...]
 """What a backbone remembers; every tensor has the batch as its first axis."""
@@ -78,6 +79,7 @@ class GRUBackbone(nn.Module):
         self.first: nn.Parameter | None = None
         if initial_state == "learned":
             self.first = nn.Parameter(torch.empty(layers, hidden))
+        self._layers: tuple[object, list[GRULayer]] | None = None
         self.reset_parameters()
 
     @property
@@ -95,12 +97,42 @@ class GRUBackbone(nn.Module):
 
     def initial_state(self, batch: int) -> State:
         """One tensor (batch, hidden) a layer."""
+        self._layers = None
         if self.first is not None:
             return tuple(layer.expand(batch, -1) for layer in self.first)
         zero = next(self.gru.parameters()).new_zeros(batch, self.gru.hidden_size)
         return (zero,) * self.gru.num_layers
 
     def forward(self, frames: Float[Tensor, "batch frames inputs"], state: State) -> Summary:
-        """Read frames, the oldest first."""
-        context, last = self.gru(frames, torch.stack(state))
-        return Summary(context, tuple(last.unbind(0)))
+        """Read frames, the oldest first.
+
+        On a CPU by ``gru_kernel``; on other devices, and while a graph is captured, by
+        ``torch.nn.GRU`` itself.
+        """
+        if frames.device.type != "cpu" or torch.compiler.is_compiling():
+            context, stacked = self.gru(frames, torch.stack(state))
+            return Summary(context, tuple(stacked.unbind(0)))
+        context = frames.transpose(0, 1).contiguous()
+        last: list[Tensor] = []
+        for layer, before in zip(self._current_layers(), state, strict=True):
+            context = layer(context, before)
+            last.append(context[-1])
+        return Summary(context.transpose(0, 1), tuple(last))
+
+    def _current_layers(self) -> list[GRULayer]:
+        """The layers with the weights as they are: kept for as long as those do not change.
+
+        They are also made anew for every ``initial_state``, in case weights were changed in a way
+        that PyTorch does not count, through ``data``.
+        """
+        weights = list(self.gru.parameters())
+        counts = tuple(0 if weight.is_inference() else weight._version for weight in weights)
+        places = tuple(weight.data_ptr() for weight in weights)
+        key = (torch.is_grad_enabled(), torch.is_inference_mode_enabled(), counts, places)
+        if self._layers is None or self._layers[0] != key:
+            self._layers = (key, [GRULayer(*four) for four in self.gru.all_weights])
+        return self._layers[1]
+
+    def __getstate__(self) -> dict[str, object]:
+        """A copy starts without the layers kept here."""
+        return {**super().__getstate__(), "_layers": None}
