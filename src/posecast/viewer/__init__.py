@@ -1,1 +1,5 @@
-"""Stills, strips, GIF and MP4 without a display."""
+"""Pictures and moving pictures of clips, without a display."""
+
+from posecast.viewer.figure import draw
+
+__all__ = ["draw"]

@@ -1,0 +1,65 @@
+"""Plots of evaluation results."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from os import PathLike
+
+from posecast.errors import ConfigError
+from posecast.evaluation.metrics import METRICS
+from posecast.evaluation.scores import Milliseconds
+from posecast.viewer.canvas import new_figure, save_png
+
+# Distinguishable without color vision: the order is that of lightness too (Wong 2011).
+_COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")
+_MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+
+
+def error_over_horizon(
+    curves: Mapping[str, Sequence[tuple[Milliseconds, float]]],
+    path: str | PathLike[str],
+    *,
+    metric: str,
+    title: str = "",
+) -> None:
+    """Plot the error of several systems over the horizon, as PNG.
+
+    Args:
+        curves: name of a system -> (horizon in milliseconds, value); the first is drawn boldest.
+        path: the file.
+        metric: name in ``METRICS``; says what the values are and their unit.
+        title: above the plot.
+
+    Raises:
+        ConfigError: no curve, one without points, an unknown metric, or matplotlib is missing.
+        DataError: the file cannot be written.
+    """
+    if not curves or not all(curves.values()):
+        raise ConfigError("nothing to plot: give at least one curve, each with a point")
+    if metric not in METRICS:
+        raise ConfigError(f"unknown metric {metric!r}; known: {', '.join(METRICS)}")
+    figure = new_figure(760, 460)
+    axes = figure.add_axes((0.1, 0.12, 0.87, 0.78))
+    for place, (name, points) in enumerate(curves.items()):
+        times, values = zip(*sorted(points), strict=True)
+        axes.plot(
+            times,
+            values,
+            label=name,
+            color=_COLORS[place % len(_COLORS)],
+            marker=_MARKERS[place % len(_MARKERS)],
+            markersize=4.5,
+            linewidth=2.4 if place == 0 else 1.4,
+            zorder=3 if place == 0 else 2,
+        )
+    axes.set_xlabel("horizon (ms)")
+    axes.set_ylabel(f"{METRICS[metric].title} ({METRICS[metric].unit})")
+    axes.set_xlim(left=0)
+    axes.set_ylim(bottom=0)
+    axes.grid(color="#e3e3e3", linewidth=0.8)
+    axes.set_axisbelow(True)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+    axes.legend(frameon=False)
+    axes.set_title(title or "Error over the horizon", size=11)
+    save_png(figure, path)
