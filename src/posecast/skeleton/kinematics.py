@@ -11,7 +11,7 @@ from torch import Tensor
 
 from posecast.errors import SkeletonError
 from posecast.geometry import quaternion
-from posecast.skeleton.level_products import CHUNK_ELEMENTS, JointPositions
+from posecast.skeleton.level_products import JointPositions
 from posecast.skeleton.skeleton import Skeleton
 from posecast.skeleton.tree_plan import tree_plan
 
@@ -52,15 +52,16 @@ def forward_kinematics(
     rotations = local_to_root(skeleton, rotations_local)
     _check_joints(skeleton, offsets.shape[-2])
     plan = tree_plan(skeleton, rotations.device)
-    bodies = offsets.expand(*rotations.shape[:-1], 3)
-    placed = [bodies.index_select(-2, plan.roots)]
+    bodies = offsets.expand(*rotations.shape[:-1], 3).index_select(-2, plan.order)
+    turned = rotations.index_select(-2, plan.order)
+    placed = [bodies[..., : plan.roots, :]]
     if root_positions is not None:
         placed[0] = placed[0] + root_positions[..., None, :]
-    for joints, parents, places in plan.levels:
-        above = rotations.index_select(-2, parents)
-        bones = quaternion.rotate(above, bodies.index_select(-2, joints))
+    for joints, upper, places in plan.levels:
+        above = turned[..., upper, :].index_select(-2, places)
+        bones = quaternion.rotate(above, bodies[..., joints, :])
         placed.append(placed[-1].index_select(-2, places) + bones)
-    positions = torch.cat(placed, dim=-2).index_select(-2, plan.by_level)
+    positions = torch.cat(placed, dim=-2).index_select(-2, plan.places)
     return World(positions, rotations)
 
 
@@ -88,13 +89,11 @@ def joint_positions(
     else:
         bodies = offsets.expand(*batch, joints, 3).reshape(poses, joints, 3)
     roots = None if root_positions is None else root_positions.reshape(poses, 3)
-    chunks = max(1, math.ceil(poses * joints / CHUNK_ELEMENTS))
-    arguments = (rotations_local.reshape(poses, joints, 4), bodies, roots)
+    inputs = (rotations_local.reshape(poses, joints, 4), bodies, roots)
     positions = JointPositions.apply(
         tree_plan(skeleton, rotations_local.device),
-        *arguments,
-        max(1, math.ceil(poses / chunks)),
-        torch.is_grad_enabled() and any(x is not None and x.requires_grad for x in arguments),
+        *inputs,
+        torch.is_grad_enabled() and any(x is not None and x.requires_grad for x in inputs),
     )
     return positions.reshape(*batch, joints, 3)
 
@@ -112,11 +111,12 @@ def local_to_root(
     """
     _check_joints(skeleton, rotations_local.shape[-2])
     plan = tree_plan(skeleton, rotations_local.device)
-    turned = [rotations_local.index_select(-2, plan.roots)]
+    local = rotations_local.index_select(-2, plan.order)
+    turned = [local[..., : plan.roots, :]]
     for joints, _, places in plan.levels:
         above = turned[-1].index_select(-2, places)
-        turned.append(quaternion.product(above, rotations_local.index_select(-2, joints)))
-    return torch.cat(turned, dim=-2).index_select(-2, plan.by_level)
+        turned.append(quaternion.product(above, local[..., joints, :]))
+    return torch.cat(turned, dim=-2).index_select(-2, plan.places)
 
 
 def root_to_local(
@@ -129,10 +129,11 @@ def root_to_local(
     """
     _check_joints(skeleton, rotations_root.shape[-2])
     plan = tree_plan(skeleton, rotations_root.device)
-    above = rotations_root.index_select(-2, plan.hanging_parents)
-    own = rotations_root.index_select(-2, plan.hanging)
-    local = quaternion.product(quaternion.conjugate(above), own)
-    return rotations_root.index_copy(-2, plan.hanging, local)
+    ordered = rotations_root.index_select(-2, plan.order)
+    above = quaternion.conjugate(ordered.index_select(-2, plan.above))
+    local = quaternion.product(above, ordered[..., plan.roots :, :])
+    whole = torch.cat([ordered[..., : plan.roots, :], local], dim=-2)
+    return whole.index_select(-2, plan.places)
 
 
 def _check_joints(skeleton: Skeleton, found: int) -> None:

@@ -13,21 +13,21 @@ from posecast.skeleton.skeleton import Skeleton
 
 
 class Level(NamedTuple):
-    """The joints of one depth, below the roots.
+    """The joints of one depth, below the roots, as runs of the plan's order.
 
     Args:
-        joints: their indices.
-        parents: the index of the parent of each.
-        places: the place of the parent of each among the joints of the level above.
+        joints: the run of these joints.
+        upper: the run of the level above.
+        places: for each joint the place of its parent within the level above.
     """
 
-    joints: Tensor
-    parents: Tensor
+    joints: slice
+    upper: slice
     places: Tensor
 
 
 class InnerLevel(NamedTuple):
-    """One depth of the joints that have children, in ``TreePlan.inner`` order.
+    """One depth of the inner joints (those with children), as a run among the inner joints.
 
     Args:
         start: place of the first.
@@ -44,37 +44,38 @@ class InnerLevel(NamedTuple):
 class TreePlan(NamedTuple):
     """What the kinematics of one skeleton need to know about its tree, on one device.
 
-    ``inner`` are the K joints with children, level by level: only their world rotations move
-    anything. ``hanging`` are the joints with a parent. Rows refer to tables with one row for
-    each joint and component and one column for each pose: ``4 * joint + component`` in tables
-    of all joints, ``component * K + place`` in those of inner joints.
+    Joints are put in *level order*: roots first, then each next depth, children in the order of
+    their parents. Of them K are *inner* joints, which have children: only their world rotations
+    move anything. Rows refer to tables with one row for each joint and component and one column
+    for each pose: ``4 * joint + component`` where all joints are in the skeleton's own order,
+    ``component * K + place`` for inner joints.
 
     Args:
-        roots: indices of the joints without a parent.
-        hanging: indices of the joints with one.
-        hanging_parents: indices of the parents of those.
-        levels: hanging joints by depth.
-        inner: indices of the joints with children, by depth.
-        inner_levels: the same as ranges, with the way to their parents.
-        inner_rows: rows of the inner joints in a table of all joints.
-        inner_above_rows: rows, among inner joints, of the parents of inner joints with a parent.
-        hanging_above_rows: rows, among inner joints, of the parents of hanging joints.
-        spread_rows: for each row of a table of all joints its row among inner joints; ``4 * K``,
-            one past the end, for joints without children.
-        by_level: position of each joint in the sequence of roots, then levels.
+        order: the joint at each place of the level order.
+        places: the place of each joint in it.
+        roots: the number of joints without a parent.
+        levels: the other joints by depth.
+        above: for each joint but the roots, in level order, the place of its parent.
+        inner: places of the inner joints in the level order.
+        inner_levels: inner joints by depth.
+        inner_rows: rows of the inner joints among all joints.
+        inner_above_rows: rows, among inner joints, of the parents of inner joints but the roots.
+        above_rows: rows, among inner joints, of the parents of all joints but the roots.
+        spread_rows: for each row among all joints its row among inner joints; ``4 * K``, one
+            past the end, for joints without children.
     """
 
-    roots: Tensor
-    hanging: Tensor
-    hanging_parents: Tensor
+    order: Tensor
+    places: Tensor
+    roots: int
     levels: tuple[Level, ...]
+    above: Tensor
     inner: Tensor
     inner_levels: tuple[InnerLevel, ...]
     inner_rows: Tensor
     inner_above_rows: Tensor
-    hanging_above_rows: Tensor
+    above_rows: Tensor
     spread_rows: Tensor
-    by_level: Tensor
 
 
 @lru_cache(maxsize=64)
@@ -85,66 +86,77 @@ def tree_plan(skeleton: Skeleton, device: torch.device) -> TreePlan:
         return torch.tensor(values, dtype=torch.long, device=device)
 
     parents = skeleton.parents
-    joints = range(len(skeleton))
-    hanging = [joint for joint in joints if parents[joint] >= 0]
-    groups = _inner_groups(skeleton)
-    inner = [joint for group in groups for joint in group]
-    place = {joint: position for position, joint in enumerate(inner)}
-    count = len(inner)
+    groups = _level_order(skeleton)
+    order = [joint for group in groups for joint in group]
+    place = {joint: position for position, joint in enumerate(order)}
+    inner = [joint for joint in order if skeleton.children[joint]]
+    inner_place = {joint: position for position, joint in enumerate(inner)}
+    hanging = order[len(groups[0]) :]
 
-    def rows(places: list[int]) -> list[int]:
-        return [component * count + position for component in range(4) for position in places]
+    def inner_rows(joints: list[int]) -> list[int]:
+        places = [inner_place[joint] for joint in joints]
+        return [component * len(inner) + position for component in range(4) for position in places]
 
-    inner_levels = []
-    for depth, group in enumerate(groups):
-        start = place[group[0]]
-        above: slice | Tensor | None = None
-        if depth:
-            places = [place[parents[joint]] for joint in group]
-            run = range(places[0], places[0] + len(places))
-            above = slice(run.start, run.stop) if places == list(run) else indices(rows(places))
-        inner_levels.append(InnerLevel(start, start + len(group), above))
-    sequence = [joint for level in skeleton.levels for joint in level]
-    return TreePlan(
-        roots=indices(list(skeleton.roots)),
-        hanging=indices(hanging),
-        hanging_parents=indices([parents[joint] for joint in hanging]),
-        levels=tuple(
+    levels = []
+    for upper, group in pairwise(groups):
+        first, last = place[group[0]], place[group[-1]]
+        levels.append(
             Level(
-                joints=indices(list(level)),
-                parents=indices([parents[joint] for joint in level]),
-                places=indices([above.index(parents[joint]) for joint in level]),
+                joints=slice(first, last + 1),
+                upper=slice(place[upper[0]], place[upper[-1]] + 1),
+                places=indices([upper.index(parents[joint]) for joint in group]),
             )
-            for above, level in pairwise(skeleton.levels)
-        ),
-        inner=indices(inner),
-        inner_levels=tuple(inner_levels),
+        )
+    return TreePlan(
+        order=indices(order),
+        places=indices([place[joint] for joint in range(len(skeleton))]),
+        roots=len(groups[0]),
+        levels=tuple(levels),
+        above=indices([place[parents[joint]] for joint in hanging]),
+        inner=indices([place[joint] for joint in inner]),
+        inner_levels=_inner_levels(skeleton, groups, inner_place, device),
         inner_rows=indices([4 * joint + component for component in range(4) for joint in inner]),
         inner_above_rows=indices(
-            rows([place[parents[joint]] for joint in inner if parents[joint] >= 0])
+            inner_rows([parents[joint] for joint in hanging if joint in inner_place])
         ),
-        hanging_above_rows=indices(rows([place[parents[joint]] for joint in hanging])),
+        above_rows=indices(inner_rows([parents[joint] for joint in hanging])),
         spread_rows=indices(
             [
-                component * count + place[joint] if joint in place else 4 * count
-                for joint in joints
+                component * len(inner) + inner_place[joint]
+                if joint in inner_place
+                else 4 * len(inner)
+                for joint in range(len(skeleton))
                 for component in range(4)
             ]
         ),
-        by_level=indices([sequence.index(joint) for joint in joints]),
     )
 
 
-def _inner_groups(skeleton: Skeleton) -> list[list[int]]:
-    """Joints with children, by depth, those of one parent side by side, in the parents' order."""
-    groups: list[list[int]] = []
-    group = [root for root in skeleton.roots if skeleton.children[root]]
-    while group:
-        groups.append(group)
-        group = [
-            child
-            for joint in group
-            for child in skeleton.children[joint]
-            if skeleton.children[child]
-        ]
+def _level_order(skeleton: Skeleton) -> list[list[int]]:
+    """Joints by depth, children side by side in the order of their parents."""
+    groups = [list(skeleton.roots)]
+    while below := [child for joint in groups[-1] for child in skeleton.children[joint]]:
+        groups.append(below)
     return groups
+
+
+def _inner_levels(
+    skeleton: Skeleton, groups: list[list[int]], place: dict[int, int], device: torch.device
+) -> tuple[InnerLevel, ...]:
+    """Runs of inner joints; parents are read in place where they are a run themselves."""
+    found: list[InnerLevel] = []
+    for group in groups:
+        joints = [joint for joint in group if joint in place]
+        if not joints:
+            break
+        start = place[joints[0]]
+        above: slice | Tensor | None = None
+        if found:
+            parents = [place[skeleton.parents[joint]] for joint in joints]
+            if parents == list(range(parents[0], parents[0] + len(parents))):
+                above = slice(parents[0], parents[-1] + 1)
+            else:
+                rows = [component * len(place) + row for component in range(4) for row in parents]
+                above = torch.tensor(rows, dtype=torch.long, device=device)
+        found.append(InnerLevel(start, start + len(joints), above))
+    return tuple(found)
