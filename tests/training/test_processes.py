@@ -44,7 +44,9 @@ def run(*command: str | Path) -> None:
     assert found.returncode == 0, found.stderr[-3000:]
 
 
-@pytest.mark.parametrize("launcher", ["torchrun", "lightning"])
+@pytest.mark.parametrize(
+    "launcher", ["torchrun", pytest.param("lightning", marks=pytest.mark.slow)]
+)
 def test_two_processes_give_the_evaluation_of_one(tiny, tmp_path, launcher):
     tiny.train(tmp_path / "one", epochs=EPOCHS)
     two = tmp_path / "two"

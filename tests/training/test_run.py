@@ -69,7 +69,7 @@ def test_a_run_learns_four_windows_by_heart(tiny, tmp_path):
     assert len(losses) == 150
     with torch.no_grad():
         found = tiny.forecast_error(forecaster, corpus, "train")
-    assert found["forecast"] < 0.15 * found["still"]
+    assert found["forecast"] < 0.25 * found["still"]
 
 
 def test_a_run_writes_its_logs_its_checkpoints_and_its_state(whole):
@@ -225,3 +225,17 @@ def test_a_corpus_of_another_skeleton_is_refused(tiny, tmp_path):
     object.__setattr__(forecaster.codec, "skeleton", Skeleton(names, tiny.SKELETON.parents))
     with pytest.raises(SkeletonError, match=r"larm.*left_arm"):
         tiny.train(tmp_path, epochs=1, forecaster=forecaster)
+
+
+def test_a_forecaster_is_handed_back_in_the_mode_it_came_in(tiny, tmp_path):
+    for name, mode in (("asleep", False), ("awake", True)):
+        forecaster = tiny.tiny_forecaster().train(mode)
+        tiny.train(tmp_path / name, epochs=1, forecaster=forecaster)
+        assert forecaster.training is mode
+
+
+@pytest.mark.gpu
+def test_a_gpu_learns_what_a_cpu_learns(tiny, whole, tmp_path):
+    tiny.train(tmp_path, epochs=EPOCHS, accelerator="gpu")
+    for on_gpu, on_cpu in zip(rows(tmp_path), rows(whole[0]), strict=True):
+        assert float(on_gpu["loss"]) == pytest.approx(float(on_cpu["loss"]), rel=0.02)

@@ -143,7 +143,7 @@ class Keeper:
     def _improves(self, done: int, found: Mapping[str, float]) -> bool:
         """Whether this validation is the best so far; it is remembered if it is."""
         metric = self.plan.select_best_by or next(iter(found))
-        least = math.inf if self.best is None else self.best.metrics[metric]
+        least = math.inf if self.best is None else self.best.metrics.get(metric, math.inf)
         if not found[metric] < least:
             return False
         self.best = Best(done, metric, dict(found))

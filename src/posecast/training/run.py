@@ -78,8 +78,9 @@ def fit(
     """Train a forecaster in place on the training split of a corpus.
 
     A run may be killed at any moment and resumed: it then ends with the losses and weights it would
-    have had. PyTorch's global random state is left as it was found. With several processes every
-    one of them calls this with the same arguments, and ``folder`` is shared between machines.
+    have had, exactly so on a CPU, elsewhere as far as the kernels are deterministic. PyTorch's
+    global random state is left as it was found. With several processes every one of them calls
+    this with the same arguments, and ``folder`` is shared between machines.
 
     Args:
         forecaster: what is trained; it ends with the weights of the last epoch.
@@ -127,7 +128,7 @@ def fit(
     if begin is not None and begin.epoch == plan.epochs:
         main = os.environ.get("RANK", "0") == "0"
         return FitResult(folder, plan.epochs, begin.updates, {}, keeper.best, windows.skipped, main)
-    with _quiet_lightning():
+    with _quiet_lightning(), _training_mode(forecaster):
         module = _module(forecaster, windows, plan, objective, feed, begin, keeper)
         trainer = _trainer(plan, machines or Machines(), folder, begin, loggers)
         _run(trainer, module, keeper, progress=progress)
@@ -203,7 +204,6 @@ def _module(
     """The Lightning module; Lightning is imported here, when training begins, and not before."""
     from posecast.training.module import TrainingModule
 
-    forecaster.train()
     return TrainingModule(
         forecaster,
         windows=windows,
@@ -261,13 +261,26 @@ def _run(trainer: Trainer, module: TrainingModule, keeper: Keeper, *, progress: 
 
 
 @contextmanager
+def _training_mode(forecaster: Forecaster) -> Iterator[None]:
+    """Dropout and the like are on in here, and as they were afterwards."""
+    before = forecaster.training
+    forecaster.train()
+    try:
+        yield
+    finally:
+        forecaster.train(before)
+
+
+@contextmanager
 def _quiet_lightning() -> Iterator[None]:
-    """Keep back Lightning's notes on hardware and on how it was called; warnings pass, but one."""
+    """Keep back Lightning's notes on hardware and on how it was called; warnings pass, but two."""
     import lightning.pytorch  # noqa: F401  its import sets the levels that are changed here
 
     names = ("lightning.pytorch", "lightning.fabric")
     before = {name: logging.getLogger(name).level for name in names}
     with warnings.catch_warnings():
+        # On a machine with a GPU that is not wanted: it was the caller who did not want it.
+        warnings.filterwarnings("ignore", "GPU available but not used")
         # Lightning 2.6 names a class that PyTorch 2.13 has renamed; nobody here can change that.
         warnings.filterwarnings("ignore", r"`isinstance\(treespec, LeafSpec\)` is deprecated")
         for name in names:
