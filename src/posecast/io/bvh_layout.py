@@ -1,0 +1,217 @@
+"""Conventions of a BVH file: unit, axes, frame rate, names, kept so that they can be written back.
+
+A BVH file names neither its unit nor its vertical axis. Both are guessed from the body as it moves:
+
+* unit: the longest way along bones from one joint to another (fingertip to toe) is about 1.35
+  times the standing height of a person, whatever the pose. Of metres, CMU's 1/0.45 inch, inches,
+  centimetres and millimetres the one that brings this height nearest to 1.7 m is taken.
+* up: y, unless the posed body extends clearly more along z or x, stands clearly nearer to the
+  floor there, and does not travel along it. The OFFSETs say nothing: bones often lie along x.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from posecast.io.bvh_document import AXES, BvhJoint
+from posecast.skeleton import Skeleton
+
+Up = Literal["x", "y", "z"]
+
+UNITS: dict[str, float] = {
+    "m": 1.0,
+    "1/0.45 inch (CMU)": 0.0254 / 0.45,
+    "inch": 0.0254,
+    "cm": 0.01,
+    "mm": 0.001,
+}
+"""Metres per file unit."""
+
+_SPAN_PER_HEIGHT = 1.35
+_USUAL_HEIGHT = 1.7
+_DOUBTFUL = 1.6
+"""Factor between guessed and usual height from which the guess is worth a note."""
+
+
+@dataclass(frozen=True)
+class BvhLayout:
+    """All that a clip's numbers no longer say about the file they were read from.
+
+    Args:
+        joints: as in the document: names, offsets, channels, End Sites as written.
+        names: the clip's joint names: those of the file, made unique.
+        unit: metres per file unit.
+        up: the file's vertical axis.
+        frame_time: seconds, as written.
+        fps: what the clip got from it.
+        encoding, newline: of the text.
+        first_row: numbers of the first frame; angles are written with windings near these.
+        notes: what is odd about the file, each true; see ``read_bvh``.
+    """
+
+    joints: tuple[BvhJoint, ...]
+    names: tuple[str, ...]
+    unit: float
+    up: Up
+    frame_time: str
+    fps: float
+    encoding: str = "utf-8"
+    newline: str = "\n"
+    first_row: tuple[float, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+class Guess(NamedTuple):
+    """A guessed value, and why it may be wrong ("" when there is no reason to think so)."""
+
+    value: float
+    doubt: str
+
+
+def unique_names(written: Sequence[str]) -> tuple[str, ...]:
+    """Names that differ: the second ``Bone`` becomes ``Bone_2``, a nameless joint ``joint_5``."""
+    taken, used = set(written), set[str]()
+    following: dict[str, int] = {}
+    result: list[str] = []
+    for place, name in enumerate(written):
+        unique = name
+        if not name or name in used:
+            base = name or "joint"
+            number = following.get(base, 2 if name else place)
+            while (unique := f"{base}_{number}") in taken:
+                number += 1
+            following[base] = number + 1
+            taken.add(unique)
+        used.add(unique)
+        result.append(unique)
+    return tuple(result)
+
+
+def turn_vectors(vectors: Float[Tensor, "*batch 3"], up: Up) -> Float[Tensor, "*batch 3"]:
+    """Vectors of a file with this vertical axis, in y-up axes (Blender's front becomes +z)."""
+    x, y, z = vectors.unbind(-1)
+    if up == "z":
+        return torch.stack([x, z, -y], dim=-1)
+    return torch.stack([-y, x, z], dim=-1) if up == "x" else vectors
+
+
+def turn_vectors_back(vectors: Float[Tensor, "*batch 3"], up: Up) -> Float[Tensor, "*batch 3"]:
+    """The inverse of ``turn_vectors``."""
+    x, y, z = vectors.unbind(-1)
+    if up == "z":
+        return torch.stack([x, -z, y], dim=-1)
+    return torch.stack([y, -x, z], dim=-1) if up == "x" else vectors
+
+
+def turn_rotations(rotations: Float[Tensor, "*batch 4"], up: Up) -> Float[Tensor, "*batch 4"]:
+    """Rotations of such a file in y-up axes: their axes turn as vectors do."""
+    if up == "y":
+        return rotations
+    return torch.cat([rotations[..., :1], turn_vectors(rotations[..., 1:], up)], dim=-1)
+
+
+def turn_rotations_back(rotations: Float[Tensor, "*batch 4"], up: Up) -> Float[Tensor, "*batch 4"]:
+    """The inverse of ``turn_rotations``."""
+    if up == "y":
+        return rotations
+    return torch.cat([rotations[..., :1], turn_vectors_back(rotations[..., 1:], up)], dim=-1)
+
+
+def frame_rate(text: str) -> tuple[float, str]:
+    """Frames per second of a frame time, and a note if its digits were taken as a rounding.
+
+    A frame time that is the period of a usual rate, or of a whole number of frames per second,
+    rounded or cut to the digits written, is that rate: 0.008333 is 1/120. Whole rates go before
+    29.97 and its like. Anything else is taken as it stands.
+    """
+    seconds = float(text)
+    rate = 1 / seconds
+    nearest = float(max(round(rate), 1))
+    if math.isclose(rate, nearest, rel_tol=1e-12):
+        return nearest, ""
+    mantissa, _, exponent = text.lower().partition("e")
+    decimals = len(mantissa.partition(".")[2]) - int(exponent or 0)
+    step = 10.0 ** -min(max(decimals, 0), 300)
+    for fps, shown in (*_USUAL_RATES.items(), (nearest, f"{nearest:g}")):
+        short_by = 1 / fps - seconds
+        if -step / 2 <= short_by < step and abs(fps - rate) < _ROUNDING * rate:
+            return fps, f"frame time {text} read as 1/{shown} s"
+    return rate, ""
+
+
+_ROUNDING = 0.02
+"""Largest relative change of the rate that rounding the frame time may explain."""
+
+_USUAL_RATES: dict[float, str] = {
+    **{float(fps): str(fps) for fps in (24, 25, 30, 48, 50, 60, 72, 75, 90, 100, 120, 144, 150)},
+    **{float(fps): str(fps) for fps in (180, 200, 240, 250, 300, 360, 400, 480, 500, 1000)},
+    **{fps * 1000 / 1001: f"({fps}000/1001)" for fps in (24, 30, 60, 120)},
+}
+
+
+def guess_unit(skeleton: Skeleton, lengths: Sequence[float]) -> Guess:
+    """Metres per file unit from the lengths of the bones; see the head of this file.
+
+    Args:
+        skeleton: the joints.
+        lengths: file units from each joint to its parent; 0 for roots and where it varies in time.
+    """
+    deepest = [0.0] * len(skeleton)
+    span = 0.0
+    for joint in reversed(range(len(skeleton))):
+        parent = skeleton.parents[joint]
+        if parent >= 0:
+            reach = deepest[joint] + lengths[joint]
+            span = max(span, deepest[parent] + reach)
+            deepest[parent] = max(deepest[parent], reach)
+    height = span / _SPAN_PER_HEIGHT
+    if not 0 < height < math.inf:
+        return Guess(UNITS["cm"], "no bone has a length to guess the unit from; taken as cm")
+    name = min(UNITS, key=lambda unit: abs(math.log(height * UNITS[unit] / _USUAL_HEIGHT)))
+    metres = height * UNITS[name]
+    doubt = ""
+    if not 1 / _DOUBTFUL < metres / _USUAL_HEIGHT < _DOUBTFUL:
+        doubt = f"unit taken as {name}, a body {metres:.3g} m tall; give the unit if it is another"
+    return Guess(UNITS[name], doubt)
+
+
+def guess_up(positions: Float[Tensor, "frames joints 3"], root: int = 0) -> Up:
+    """Vertical axis of a motion; see the head of this file.
+
+    Args:
+        positions: world positions of some frames, any unit, file axes.
+        root: the joint whose travel is looked at.
+    """
+    centered = positions - positions[:, root : root + 1]
+    mean = centered.mean(dim=0)
+    extent = mean.amax(dim=0) - mean.amin(dim=0)
+    floor = positions.amin(dim=1).median(dim=0).values.abs()
+    travel = positions[:, root].std(dim=0, correction=0)
+    limit = extent.max()
+    score = extent - 0.5 * torch.minimum(floor, limit) - torch.minimum(travel, limit)
+    scores = dict(zip(AXES, score.tolist(), strict=True))
+    if scores["z"] > max(scores["y"], scores["x"]) and _clearly(scores["z"], scores["y"], 1.1):
+        return "z"
+    if scores["x"] > max(scores["y"], scores["z"]) and _clearly(scores["x"], scores["y"], 1.5):
+        return "x"
+    return "y"
+
+
+def _clearly(score: float, other: float, factor: float) -> bool:
+    return score > 0 and score > factor * other
+
+
+_UNWRITABLE = re.compile(r"[{}\x00-\x1f\x7f-\x9f\u2028\u2029]+")
+
+
+def writable_name(name: str) -> str:
+    """A joint name as it can stand in a file: without braces, line ends, blanks around it."""
+    return _UNWRITABLE.sub("_", name).strip()
