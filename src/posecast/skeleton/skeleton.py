@@ -100,8 +100,15 @@ class Skeleton:
 
         A joint whose parent is left out hangs from its nearest ancestor that stays, or becomes a
         root. Topology only: ``motion.transforms.drop_joints`` folds rotations and offsets too.
+
+        Raises:
+            SkeletonError: no joint is chosen, or one that does not exist.
         """
         kept = sorted(set(joints))
+        if kept and not 0 <= kept[0] <= kept[-1] < len(self):
+            raise SkeletonError(
+                f"joints {kept[0]} to {kept[-1]} asked for; this skeleton has 0 to {len(self) - 1}"
+            )
         position = {joint: place for place, joint in enumerate(kept)}
         parents = [
             next((position[above] for above in self.ancestors(joint) if above in position), -1)
@@ -111,14 +118,17 @@ class Skeleton:
 
     @cached_property
     def left_right_pairs(self) -> tuple[tuple[int, int], ...]:
-        """(left, right) joint pairs by name: ``LeftFoot``/``RightFoot``, ``lhip``/``rhip``."""
+        """(left, right) joint pairs by name: ``LeftFoot``/``RightFoot``, ``lhip``/``rhip``.
+
+        A joint is on the left only if its right-hand twin exists, so that the ``l`` of
+        ``lowerback`` does not make a side.
+        """
         by_name = {name: joint for joint, name in enumerate(self.names)}
         pairs: list[tuple[int, int]] = []
         for joint, name in enumerate(self.names):
-            for twin in _right_names(name):
-                if twin in by_name and twin != name:
-                    pairs.append((joint, by_name[twin]))
-                    break
+            twin = next((twin for twin in _right_names(name) if twin in by_name), None)
+            if twin is not None:
+                pairs.append((joint, by_name[twin]))
         return tuple(pairs)
 
     @cached_property
@@ -130,21 +140,25 @@ class Skeleton:
         return tuple(swapped)
 
 
-_LEFT_PATTERNS: tuple[tuple[re.Pattern[str], str], ...] = (
-    (re.compile(r"Left"), "Right"),
-    (re.compile(r"left"), "right"),
+_LEFT_MARKERS: tuple[tuple[re.Pattern[str], str], ...] = (
+    (re.compile(r"Left"), "Right"),  # LeftFoot, Character1_LeftArm
     (re.compile(r"LEFT"), "RIGHT"),
-    (re.compile(r"(?<![A-Za-z])L(?=[A-Z_.]|$)"), "R"),
-    (re.compile(r"(?<![A-Za-z])l(?=[A-Za-z_.]|$)"), "r"),
-    (re.compile(r"(?<=[_.])L(?=$|[_.])"), "R"),
-    (re.compile(r"(?<=[_.])l(?=$|[_.])"), "r"),
+    (re.compile(r"(?<![a-z])left"), "right"),  # leftEye, hand_left; not cleft
+    (re.compile(r"(?<![A-Za-z])L(?=[A-Z])"), "R"),  # LHipJoint
+    (re.compile(r"(?<![A-Za-z])l(?=[A-Za-z])"), "r"),  # lfemur, lCollar
+    (re.compile(r"(?<![A-Za-z])L(?![A-Za-z])"), "R"),  # Shoulder_L, L_Wrist_End, Bip01 L Hand
+    (re.compile(r"(?<![A-Za-z])l(?![A-Za-z])"), "r"),  # hand.l, l_hip
+    (re.compile(r"(?<=[a-z0-9])L(?![a-z])"), "R"),  # handL
 )
 
 
 def _right_names(name: str) -> list[str]:
-    """Every way of spelling ``name`` with its left-hand marker turned into a right-hand one."""
-    return [
-        pattern.sub(right, name, count=1)
-        for pattern, right in _LEFT_PATTERNS
-        if pattern.search(name)
-    ]
+    """Every way of spelling ``name`` with its left-hand markers turned into right-hand ones.
+
+    All markers of a kind first (``LeftHand_LeftThumb``), then the first of them alone.
+    """
+    found: list[str] = []
+    for marker, right in _LEFT_MARKERS:
+        if marker.search(name):
+            found += [marker.sub(right, name), marker.sub(right, name, count=1)]
+    return found
