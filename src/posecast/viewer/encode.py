@@ -6,6 +6,8 @@ import shutil
 import subprocess
 import tempfile
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -86,22 +88,15 @@ def write_mp4(frames: Iterator[Pixels], path: Path, fps: float) -> None:
         *("-movflags", "+faststart", "-f", "mp4"),
     ]
     with atomic_write(path) as temporary, tempfile.TemporaryFile() as messages:
-        process = subprocess.Popen(
+        with subprocess.Popen(
             [*command, str(temporary)], stdin=subprocess.PIPE, stdout=messages, stderr=messages
-        )
-        try:
-            if process.stdin is not None:
-                process.stdin.write(first.tobytes())
-                for frame in frames:
-                    process.stdin.write(frame.tobytes())
-                process.stdin.close()
-        except BrokenPipeError:
-            pass  # ffmpeg gave up; what it said is read below
-        except BaseException:
-            process.kill()
-            process.wait()
-            raise
-        if process.wait() != 0:
+        ) as process:
+            try:
+                _feed(process, chain([first], frames))
+            except BaseException:
+                process.kill()
+                raise
+        if process.returncode != 0:
             messages.seek(0)
             said = messages.read().decode(errors="replace").strip().splitlines()
             raise ConfigError(
@@ -110,13 +105,28 @@ def write_mp4(frames: Iterator[Pixels], path: Path, fps: float) -> None:
             )
 
 
+def _feed(process: subprocess.Popen[bytes], frames: Iterator[Pixels]) -> None:
+    """Hand frames to a program until it has all, or ends before; then it is told that is all."""
+    pipe: Any = process.stdin
+    try:
+        for frame in frames:
+            pipe.write(frame.tobytes())
+    except BrokenPipeError:
+        pass  # it gave up; its exit status and messages say why
+    finally:
+        with suppress(BrokenPipeError):
+            pipe.close()
+
+
 def _blends_with_white(colors: Sequence[str], steps: int = 15) -> list[int]:
-    """White, then each color from full to nearly white; red, green, blue in turn."""
+    """White, then each color from full to light; red, green, blue in turn."""
     palette = [255, 255, 255]
     for color in colors:
         full = [int(color[place : place + 2], 16) for place in (1, 3, 5)]
         for step in range(steps):
-            palette += [round(part + (255 - part) * step / steps) for part in full]
+            blend = [round(part + (255 - part) * step / steps) for part in full]
+            if min(blend) < 248:  # or Pillow takes what is nearly white for white
+                palette += blend
     return palette
 
 

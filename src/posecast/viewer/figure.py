@@ -14,7 +14,6 @@ from posecast.motion.clip import Clip
 from posecast.viewer.canvas import Pixels, new_figure, optional, pixels, save_png
 from posecast.viewer.encode import gif_rate, mp4_rate, write_gif, write_mp4
 from posecast.viewer.scene import (
-    GRID_STEP,
     Bounds,
     Camera,
     Figure,
@@ -23,6 +22,7 @@ from posecast.viewer.scene import (
     figure_of,
     frame_bounds,
     grid_lines,
+    grid_step,
     look,
 )
 
@@ -39,6 +39,7 @@ _AZIMUTH = 0.7  # radians from the direction the body faces: from the front, off
 _ELEVATION = 0.2
 _TITLE, _FOOT = 46, 20  # pixels above and below the panels
 _ROW_TITLE = 24  # pixels at the left of a strip
+_LETTER = 8.0  # pixels of a letter of a title, a wide one
 _PANEL = 400  # height of a panel in pixels; of a strip's, half
 _NARROWEST, _WIDEST = 0.55, 2.2  # width of a panel over its height
 
@@ -102,6 +103,7 @@ class Stage:
         self.split = split
         self.bounds = _widened(frame_bounds(figures, view))
         self.duration = max(figure.duration for figure in figures)
+        self.reach = float(np.hypot(self.bounds.width, self.bounds.height))
 
     def palette(self, index: int, time: float) -> Mapping[str, str]:
         """Colors of a clip at a time."""
@@ -140,7 +142,6 @@ class Panel:
         axes.set_ylim(bounds.bottom, bounds.top)
         axes.set_aspect("equal", adjustable="box")
         axes.set_axis_off()
-        self.reach = float(np.hypot(bounds.width, bounds.height))
 
     def show(self, time: float) -> None:
         """Move everything to a time in seconds."""
@@ -149,7 +150,7 @@ class Panel:
         lines = pose.lines(bones)
         far_first = np.argsort((lines @ view.toward).mean(axis=1), kind="stable")
         palette = self.stage.palette(self.index, time)
-        self.grid.set_segments(view.flat(grid_lines(pose.center, self.reach)))
+        self.grid.set_segments(view.flat(grid_lines(pose.center, self.stage.reach)))
         self.shadow.set_segments(view.flat(pose.shadow(bones)))
         self.body.set_segments(view.flat(lines)[far_first])
         self.body.set_color([palette[self.figure.sides[bone]] for bone in far_first])
@@ -203,7 +204,8 @@ def _panels(
         for row in range(rows)
         for column in range(columns)
     ]
-    figure.text(0.5, 6 / total_height, f"grid {GRID_STEP:g} m", ha="center", size=7.5, color=_NOTE)
+    note = f"grid {grid_step(stage.reach):g} m"
+    figure.text(0.5, 6 / total_height, note, ha="center", size=7.5, color=_NOTE)
     return figure, axes
 
 
@@ -219,7 +221,17 @@ def _strip(stage: Stage, path: Path, stills: int) -> None:
     for title, cell in zip(stage.titles, axes[::stills], strict=True):
         box = cell.get_position()
         middle = (box.y0 + box.y1) / 2
-        figure.text(box.x0 / 2, middle, title, rotation=90, size=9, ha="center", va="center")
+        text = _shortened(title, _PANEL // 2)
+        figure.text(
+            box.x0 / 2,
+            middle,
+            text,
+            rotation=90,
+            size=9,
+            ha="center",
+            va="center",
+            parse_math=False,
+        )
     save_png(figure, path)
 
 
@@ -228,7 +240,9 @@ def _frames(stage: Stage, fps: float) -> Iterator[Pixels]:
     figure, axes = _panels(stage, 1, len(stage.figures), height=_PANEL)
     panels = [Panel(stage, index, cell) for index, cell in enumerate(axes)]
     for panel, title in zip(panels, stage.titles, strict=True):
-        panel.axes.set_title(title, size=10, pad=3)
+        panel.axes.set_title(
+            _shortened(title, panel.axes.bbox.width), size=10, pad=3, parse_math=False
+        )
     top = 1 - 6 / figure.bbox.height
     clock = figure.text(0.5, top, "", ha="center", va="top", size=10, family="monospace")
     for frame in range(frame_count(stage.duration, fps)):
@@ -237,6 +251,12 @@ def _frames(stage: Stage, fps: float) -> Iterator[Pixels]:
         for panel in panels:
             panel.show(time)
         yield pixels(figure)
+
+
+def _shortened(title: str, room: float) -> str:
+    """A title that fits into so many pixels; its end is the part that tells clips apart."""
+    letters = max(int(room / _LETTER), 4)
+    return title if len(title) <= letters else "…" + title[1 - letters :]
 
 
 def frame_count(duration: float, fps: float) -> int:

@@ -19,7 +19,8 @@ Array = npt.NDArray[np.float64]
 Side = Literal["left", "middle", "right"]
 Camera = Literal["auto", "fixed", "follow"]
 
-GRID_STEP = 0.5  # meters between lines of the floor grid
+_GRID_STEP = 0.5  # meters between lines of the floor grid, where that makes no forest of them
+_GRID_LINES = 80
 _MARGIN = 0.06  # of the larger side of the frame, on every side
 _FINE = 0.05  # bones shorter than this, in meters, are drawn finer: fingers and toes
 _ROOMY = 2.0  # a body that travels farther than this many of its heights is followed
@@ -205,20 +206,28 @@ def facing(clip: Clip) -> float:
     return 0.0
 
 
+def grid_step(reach: float) -> float:
+    """Meters between the lines of a grid that reaches that far: half a meter, doubled as needed."""
+    step = _GRID_STEP
+    while 2 * reach > _GRID_LINES * step:
+        step *= 2
+    return step
+
+
 def grid_lines(center: Array, reach: float) -> Array:
     """Lines of the floor grid on a square around a point, as seen from it, (lines, 2, 3).
 
-    The lines are fixed to the world: multiples of ``GRID_STEP``.
+    The lines are fixed to the world, at multiples of ``grid_step``.
 
     Args:
         center: x and z of the middle of the square, meters.
         reach: half its side.
     """
-    lines = []
+    lines, step = [], grid_step(reach)
     for axis in (0, 1):
-        first = math.ceil((center[axis] - reach) / GRID_STEP)
-        last = math.floor((center[axis] + reach) / GRID_STEP)
-        for place in np.arange(first, last + 1) * GRID_STEP - center[axis]:
+        first = math.ceil((center[axis] - reach) / step)
+        last = math.floor((center[axis] + reach) / step)
+        for place in np.arange(first, last + 1) * step - center[axis]:
             ends = np.zeros((2, 3))
             ends[:, 2 * axis] = place
             ends[:, 2 - 2 * axis] = -reach, reach
