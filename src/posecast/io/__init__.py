@@ -1,1 +1,112 @@
 """Readers and writers, one format a file: metres, y up, wxyz behind this door."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from os import PathLike
+from pathlib import Path
+
+from posecast.errors import DataError
+from posecast.io.amass import is_amass, read_amass
+from posecast.io.archive import read_archive, write_archive
+from posecast.io.arrays import array_names
+from posecast.io.asf_amc import read_amc
+from posecast.io.atomic import atomic_write
+from posecast.io.h36m import read_h36m, read_h36m_columns
+from posecast.motion import Clip
+
+__all__ = [
+    "READERS",
+    "WRITERS",
+    "atomic_write",
+    "read_amass",
+    "read_amc",
+    "read_archive",
+    "read_bvh",
+    "read_clip",
+    "read_h36m",
+    "read_h36m_columns",
+    "write_archive",
+    "write_bvh",
+    "write_clip",
+]
+
+
+def read_clip(path: str | PathLike[str]) -> Clip:
+    """Read a recording in the format that its extension names, with that reader's defaults.
+
+    ``.npz`` is our own archive or AMASS, told apart by the arrays in it; ``.txt`` is Human3.6M;
+    an ``.amc`` needs its ``.asf`` beside it. docs/formats.md says more.
+
+    Raises:
+        DataError: the extension is not known, or the file is not what its extension says.
+    """
+    return READERS[_extension(path, READERS, "read")](path)
+
+
+def write_clip(clip: Clip, path: str | PathLike[str]) -> tuple[str, ...]:
+    """Write a clip in the format that the extension names; the file appears whole or not at all.
+
+    Returns:
+        What the format could not keep, one sentence each; nothing where all was kept.
+
+    Raises:
+        DataError: the extension is not known, or the file cannot be written.
+    """
+    return WRITERS[_extension(path, WRITERS, "write")](clip, path)
+
+
+def read_bvh(path: str | PathLike[str]) -> Clip:
+    from posecast.io import bvh
+
+    return bvh.read_bvh(path)
+
+
+def write_bvh(clip: Clip, path: str | PathLike[str]) -> tuple[str, ...]:
+    from posecast.io import bvh
+
+    return bvh.write_bvh(clip, path)
+
+
+def _read_npz(path: str | PathLike[str]) -> Clip:
+    return read_amass(path) if is_amass(array_names(path)) else read_archive(path)
+
+
+def _write_npz(clip: Clip, path: str | PathLike[str]) -> tuple[str, ...]:
+    write_archive(clip, path)
+    return ()
+
+
+READERS: dict[str, Callable[[str | PathLike[str]], Clip]] = {
+    ".amc": read_amc,
+    ".bvh": read_bvh,
+    ".npz": _read_npz,
+    ".txt": read_h36m,
+}
+"""What reads the files of an extension."""
+
+WRITERS: dict[str, Callable[[Clip, str | PathLike[str]], tuple[str, ...]]] = {
+    ".bvh": write_bvh,
+    ".npz": _write_npz,
+}
+"""What writes the files of an extension."""
+
+_REMEDIES = {
+    ".asf": "it holds a skeleton only; name the .amc file of a recording",
+    ".c3d": "markers have no skeleton; solve them to BVH with the software they came from",
+    ".fbx": "export it as BVH, for example with Blender",
+    ".pkl": "pickles run code when they are read; convert it to .npz",
+}
+
+
+def _extension(path: str | PathLike[str], known: Mapping[str, object], verb: str) -> str:
+    """The extension of ``path`` in small letters, which is in the table."""
+    extension = Path(path).suffix.lower()
+    if extension in known:
+        return extension
+    remedy = _REMEDIES.get(extension, "convert it first")
+    raise DataError(
+        path,
+        f"extension {extension!r}, expected one that posecast can {verb}: "
+        f"{', '.join(sorted(known))}; {remedy}",
+    )
