@@ -122,7 +122,7 @@ class Keeper:
             if self.save is not None:
                 self.save(self.folder / LAST, self.forecaster, progress)
         if self.display is not None:
-            self.display.update(done, {"loss": averages["loss"], **self._validation})
+            self.display.update(done, {"loss": averages["loss"], **self._headline()})
         return {**row, **{f"validation/{name}": value for name, value in found.items()}}
 
     def _score(self, validate: Validate) -> dict[str, float]:
@@ -140,9 +140,14 @@ class Keeper:
             )
         return found
 
+    def _headline(self) -> dict[str, float]:
+        """The metric to select by, from the newest validation; empty before the first."""
+        metric = self.plan.select_best_by or next(iter(self._validation), "")
+        return {name: value for name, value in self._validation.items() if name == metric}
+
     def _improves(self, done: int, found: Mapping[str, float]) -> bool:
         """Whether this validation is the best so far; it is remembered if it is."""
-        metric = self.plan.select_best_by or next(iter(found))
+        metric = next(iter(self._headline()))
         least = math.inf if self.best is None else self.best.metrics.get(metric, math.inf)
         if not found[metric] < least:
             return False
