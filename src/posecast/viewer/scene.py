@@ -283,6 +283,7 @@ def _center(body: Array, fps: float, camera: Camera) -> Array:
     deviation = _SMOOTHING * fps
     reach = math.ceil(3 * deviation)
     weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) / deviation) ** 2)
-    padded = np.pad(path, ((reach, reach), (0, 0)), mode="edge")
+    # Beyond its ends the path goes on as it came, or the body would leave the middle there.
+    padded = np.pad(path, ((reach, reach), (0, 0)), mode="reflect", reflect_type="odd")
     smooth = [np.convolve(padded[:, axis], weights / weights.sum(), "valid") for axis in (0, 1)]
     return np.stack(smooth, axis=-1)
