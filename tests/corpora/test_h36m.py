@@ -128,7 +128,7 @@ def test_two_copies_of_the_corpus_below_one_folder_are_refused(
 def test_a_folder_without_recordings_is_refused(tmp_path: Path) -> None:
     (tmp_path / "S1").mkdir()
     (tmp_path / "S1" / "notes.txt").write_text("nothing")
-    with pytest.raises(DataError, match="no recording of Human3.6M"):
+    with pytest.raises(DataError, match=r"no recording of Human3\.6M"):
         build(tmp_path)
     with pytest.raises(DataError, match="no such folder"):
         build(tmp_path / "elsewhere")

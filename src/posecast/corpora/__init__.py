@@ -8,13 +8,18 @@ from pathlib import Path
 from typing import Any, Literal
 
 from posecast.config import did_you_mean
-from posecast.corpora import h36m, synthetic
+from posecast.corpora import amass, bandai, cmu, folder, h36m, synthetic
 from posecast.errors import ConfigError
 from posecast.motion import Corpus
 
 CORPORA: dict[str, Callable[..., Corpus]] = {
     "synthetic": synthetic.synthetic,
+    "cmu-salsa": cmu.cmu_salsa,
+    "cmu-asf": cmu.cmu_asf,
+    "bandai-locomotion": bandai.bandai_locomotion,
     "h36m": h36m.h36m,
+    "amass": amass.amass,
+    "folder": folder.folder,
 }
 
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import filecmp
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Literal
 
 from posecast.corpora.loading import Cache, Progress, check_root, find, load
+from posecast.corpora.splitting import split_clips
 from posecast.errors import DataError
 from posecast.io.h36m import read_h36m
 from posecast.motion import Clip, Corpus, resample
@@ -115,10 +116,17 @@ def h36m(
     loaded = load(list(kept.values()), read, cache=cache, progress=progress, workers=workers)
     clips = loaded.clips
     short = _too_short(clips) if check_lengths else ()
-    splits = _splits(clips, f"S{validation}" if validation else None, set(short))
+    chosen = file_splits([name for name in files if name not in short], validation)
+    by_split = split_clips(clips, lambda clip: chosen.get(clip.labels["file"]))
     notes = [*loaded.notes, *_notes(twins, copies == "drop", short)]
     missing = tuple(name for name in FILES if name not in files or name in short)
-    return Corpus("h36m", clips, splits, missing, tuple(notes))
+    return Corpus("h36m", clips, by_split, missing, tuple(notes))
+
+
+def file_splits(names: Iterable[str], validation: str | None = None) -> dict[str, str]:
+    """What each recording is for, by its subject; see ``h36m``."""
+    by_subject = {TEST_SUBJECT: "test", f"S{validation}": "validation"}
+    return {name: by_subject.get(name.split("/")[0], "train") for name in names}
 
 
 def recordings(folder: Path) -> dict[str, Path]:
@@ -177,20 +185,6 @@ def _too_short(clips: Sequence[Clip]) -> tuple[str, ...]:
             if clip.duration * 25 < fewest:
                 short.append(clip.labels["file"])
     return tuple(short)
-
-
-def _splits(
-    clips: Sequence[Clip], validation: str | None, left_out: set[str]
-) -> dict[str, tuple[int, ...]]:
-    splits: dict[str, list[int]] = {"train": [], "validation": [], "test": []}
-    for index, clip in enumerate(clips):
-        subject = clip.labels["subject"]
-        split = {TEST_SUBJECT: "test", validation: "validation"}.get(subject, "train")
-        if clip.labels["file"] not in left_out and (
-            split == "train" or clip.labels.get("phase", "0") == "0"
-        ):
-            splits[split].append(index)
-    return {split: tuple(indices) for split, indices in splits.items()}
 
 
 def _notes(twins: Mapping[str, str], dropped: bool, short: Sequence[str]) -> list[str]:

@@ -68,6 +68,7 @@ def load(
     files: Sequence[Path],
     read: partial[tuple[Clip, ...]],
     *,
+    also: Sequence[Path] = (),
     cache: Cache = None,
     progress: Progress | None = None,
     workers: int = 0,
@@ -78,6 +79,7 @@ def load(
         files: what to read.
         read: a function of a module, with all its options bound by keyword; they are part of the
             cache's key. Called with one file; gives the clips it holds.
+        also: further files that reading depends on, such as skeletons; part of the key too.
         cache: see ``Cache``. If the user's cache cannot be written, the clips are kept in memory
             and a note says so.
         progress: see ``Progress``; not called if the clips are in the cache.
@@ -97,7 +99,7 @@ def load(
     if folder is None:
         return Loaded([_in_memory(clip) for clip in build(None)])
     bound = {"function": f"{read.func.__module__}.{read.func.__qualname__}", **read.keywords}
-    key = fingerprint(files, bound)
+    key = fingerprint([*files, *also], bound)
     try:
         return Loaded(cached(folder, key, lambda: build(folder)))
     except OSError as error:

@@ -26,8 +26,7 @@ def drop_joints(
     A child of a removed joint has rotation removed * child and is translated by the removed
     joint's offset + removed * the child's offset. If the removed joint turns in time, this
     translation changes in time. Where a root is removed, the joint below it becomes a root, and
-    the first root's world position becomes ``root_positions``. What is kept of ``source`` no
-    longer fits and is dropped.
+    the first root's world position becomes ``root_positions``.
 
     Args:
         clip: any clip.
@@ -84,7 +83,6 @@ def drop_joints(
         translations_local=(
             torch.stack([path + frames for path in stay], dim=1) if keep_moving else None
         ),
-        source=None,
     )
 
 
