@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import struct
 import zipfile
 from pathlib import Path
@@ -119,6 +120,15 @@ def test_the_six_required_arrays_are_enough(tmp_path):
     assert (found.fps, found.name, dict(found.labels)) == (30.0, "other", {})
     assert torch.equal(found.root_positions, clip.root_positions)
     assert torch.equal(found.rotations_local, clip.rotations_local)
+
+
+def test_the_example_of_the_documents_writes_an_archive(tmp_path, monkeypatch):
+    page = Path(__file__).parents[2] / "docs" / "archive.md"
+    (example,) = re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+    monkeypatch.chdir(tmp_path)
+    exec(example, {})
+    found = read_archive(tmp_path / "nod.npz")
+    assert (found.frames, found.skeleton.names) == (2, ("hips", "head"))
 
 
 def rewritten(tmp_path: Path, **changes: object) -> Path:

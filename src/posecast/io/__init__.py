@@ -12,6 +12,7 @@ from posecast.io.archive import read_archive, write_archive
 from posecast.io.arrays import array_names
 from posecast.io.asf_amc import read_amc
 from posecast.io.atomic import atomic_write
+from posecast.io.bvh import read_bvh, write_bvh
 from posecast.io.h36m import read_h36m, read_h36m_columns
 from posecast.motion import Clip
 
@@ -54,18 +55,6 @@ def write_clip(clip: Clip, path: str | PathLike[str]) -> tuple[str, ...]:
         DataError: the extension is not known, or the file cannot be written.
     """
     return WRITERS[_extension(path, WRITERS, "write")](clip, path)
-
-
-def read_bvh(path: str | PathLike[str]) -> Clip:
-    from posecast.io import bvh
-
-    return bvh.read_bvh(path)
-
-
-def write_bvh(clip: Clip, path: str | PathLike[str]) -> tuple[str, ...]:
-    from posecast.io import bvh
-
-    return bvh.write_bvh(clip, path)
 
 
 def _read_npz(path: str | PathLike[str]) -> Clip:

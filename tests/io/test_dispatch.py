@@ -1,0 +1,95 @@
+"""read_clip and write_clip choose by extension, and tell what they know where they cannot."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from posecast.errors import DataError
+from posecast.geometry import quaternion
+from posecast.io import READERS, WRITERS, read_clip, write_clip
+from posecast.motion import Clip
+from posecast.skeleton import Skeleton
+
+
+@pytest.fixture
+def clip() -> Clip:
+    rotations = quaternion.exp(torch.linspace(0, 1, 5 * 2 * 3, dtype=torch.float64).view(5, 2, 3))
+    return Clip(
+        Skeleton(("hips", "head"), (-1, 0)),
+        torch.tensor([[0, 0, 0], [0, 1.5, 0]], dtype=torch.float64),
+        30.0,
+        torch.zeros(5, 3, dtype=torch.float64),
+        rotations,
+    )
+
+
+def test_the_formats_are_those_of_the_table_in_the_documents():
+    assert sorted(READERS) == [".amc", ".bvh", ".npz", ".txt"]
+    assert sorted(WRITERS) == [".bvh", ".npz"]
+
+
+@pytest.mark.parametrize("name", ["a.npz", "a.NPZ", "a.bvh", "a.BVH"])
+def test_what_is_written_is_read_back(tmp_path, clip, name):
+    assert write_clip(clip, tmp_path / name) == ()
+    found = read_clip(tmp_path / name)
+    assert found.skeleton == clip.skeleton
+    difference = quaternion.angle(found.rotations_local, clip.rotations_local)
+    assert difference.max() < np.deg2rad(1e-4)
+
+
+def test_an_npz_is_told_apart_by_its_arrays(tmp_path, clip):
+    write_clip(clip, tmp_path / "ours.npz")
+    np.savez(tmp_path / "amass.npz", poses=np.zeros((3, 156)), mocap_framerate=60)
+    np.savez(tmp_path / "neither.npz", a=np.zeros(3))
+    assert read_clip(tmp_path / "ours.npz").skeleton == clip.skeleton
+    assert len(read_clip(str(tmp_path / "amass.npz")).skeleton) == 22
+    with pytest.raises(DataError, match=r"no array names, .*found a; docs/archive.md"):
+        read_clip(tmp_path / "neither.npz")
+
+
+def test_human36m_text_and_amc_are_found_by_extension(tmp_path):
+    (tmp_path / "walking_1.txt").write_text(",".join(["0.0"] * 99) + "\n")
+    assert read_clip(tmp_path / "walking_1.txt").labels["action"] == "walking"
+    (tmp_path / "01_01.amc").write_text("1\nroot 0 0 0 0 0 0\n")
+    with pytest.raises(DataError, match="no skeleton beside it"):
+        read_clip(tmp_path / "01_01.amc")
+
+
+@pytest.mark.parametrize(
+    ("name", "remedy"),
+    [
+        ("01.asf", "name the .amc file"),
+        ("a.fbx", "export it as BVH"),
+        ("a.pkl", "pickles run code"),
+        ("a", "convert it first"),
+    ],
+)
+def test_an_unknown_extension_is_answered_with_the_known_ones_and_a_remedy(
+    tmp_path, clip, name, remedy
+):
+    with pytest.raises(DataError, match=rf"read: \.amc, \.bvh, \.npz, \.txt; .*{remedy}"):
+        read_clip(tmp_path / name)
+    with pytest.raises(DataError, match=r"write: \.bvh, \.npz; "):
+        write_clip(clip, tmp_path / name)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("extension", sorted(READERS))
+def test_missing_files_and_folders_are_told(tmp_path, extension):
+    with pytest.raises(DataError, match="no such file"):
+        read_clip(tmp_path / f"a{extension}")
+    (tmp_path / f"b{extension}").mkdir()
+    with pytest.raises(DataError, match=r"regular file|folder"):
+        read_clip(tmp_path / f"b{extension}")
+
+
+@pytest.mark.parametrize("extension", sorted(WRITERS))
+def test_nothing_half_written_stays_when_writing_fails(tmp_path, clip, extension):
+    torch.nn.init.constant_(clip.root_positions, float("nan"))
+    with pytest.raises(DataError):
+        write_clip(clip, tmp_path / f"a{extension}")
+    with pytest.raises(DataError):
+        write_clip(clip, tmp_path / "no such folder" / f"a{extension}")
+    assert list(tmp_path.iterdir()) == []
