@@ -2,46 +2,30 @@
 
 from __future__ import annotations
 
-import dataclasses
-from pathlib import Path
-
 import pytest
 
+from posecast.corpora import build_corpus
 from posecast.evaluation import BASELINES, build_protocol, published_tables
 from posecast.evaluation.published import PRINTED_NAMES
 from posecast.evaluation.windows import H36M_ACTIONS
-from posecast.io.h36m import read_h36m
-from posecast.motion import Clip
 from posecast.motion.corpus import Corpus
 
 pytestmark = pytest.mark.data
 
 
 @pytest.fixture(scope="module")
-def test_subject(data_root) -> Corpus:
-    """The recordings of subject S5 that are there, even frames."""
-    files = sorted(Path(data_root, "h36m", "S5").glob("*.txt"))
-    if not files:
+def h36m(data_root, tmp_path_factory) -> Corpus:
+    """The corpus as users build it."""
+    root = data_root / "h36m"
+    if not (root / "S5").is_dir():
         pytest.skip("no recordings of subject S5 below POSECAST_DATA/h36m")
-    clips = [_even_frames(read_h36m(file, root="increments")) for file in files]
-    return Corpus("h36m", clips, {"test": tuple(range(len(clips)))})
-
-
-def _even_frames(clip: Clip) -> Clip:
-    return dataclasses.replace(
-        clip,
-        fps=clip.fps / 2,
-        root_positions=clip.root_positions[::2],
-        rotations_local=clip.rotations_local[::2],
-        tracks={},
-        name="{subject}/{action}_{recording}".format(**clip.labels),
-    )
+    return build_corpus("h36m", root=root, cache=tmp_path_factory.mktemp("cache"))
 
 
 @pytest.mark.parametrize("protocol", ["h36m-standard", "h36m-128"])
 @pytest.mark.parametrize("system", BASELINES)
-def test_baselines_give_every_printed_cell_to_two_decimals(test_subject, system, protocol):
-    scores = build_protocol(protocol).score(BASELINES[system], test_subject, system=system)
+def test_baselines_give_every_printed_cell_to_two_decimals(h36m, system, protocol):
+    scores = build_protocol(protocol).score(BASELINES[system], h36m, system=system)
     tables = [
         table
         for table in published_tables()
@@ -66,10 +50,10 @@ def test_baselines_give_every_printed_cell_to_two_decimals(test_subject, system,
 
 
 @pytest.mark.parametrize(("protocol", "windows"), [("h36m-standard", 8), ("h36m-128", 256)])
-def test_every_action_has_its_windows_and_missing_files_are_named(test_subject, protocol, windows):
-    sampling = build_protocol(protocol).windows(test_subject)
+def test_every_action_has_its_windows_and_missing_files_are_named(h36m, protocol, windows):
+    sampling = build_protocol(protocol).windows(h36m)
     assert all(len(group.windows) == windows for group in sampling.groups)
-    present = {f"{clip.name}.txt" for clip in test_subject.clips}
+    present = {clip.labels["file"] for clip in h36m.split("test")}
     needed = {action: {f"S5/{action}_{n}.txt" for n in (1, 2)} for action in H36M_ACTIONS}
     assert set(sampling.missing) == set().union(*needed.values()) - present
     complete = [action for action, names in needed.items() if names <= present]
@@ -84,7 +68,7 @@ def test_every_action_has_its_windows_and_missing_files_are_named(test_subject, 
         ("walkingtogether", [1087, 1180, 1329, 955, 1145, 332, 660, 304]),
     ],
 )
-def test_the_recordings_are_as_long_as_the_published_starts_demand(test_subject, action, starts):
-    sampling = build_protocol("h36m-standard").windows(test_subject)
+def test_the_recordings_are_as_long_as_the_published_starts_demand(h36m, action, starts):
+    sampling = build_protocol("h36m-standard").windows(h36m)
     windows = {group.name: group.windows for group in sampling.groups}
     assert [window.start for window in windows[action]] == starts

@@ -77,6 +77,15 @@ def test_markdown_says_units_joints_left_out_windows_and_where_numbers_are_from(
     assert widths == {8}
 
 
+def test_a_table_of_one_action_does_not_repeat_it_as_an_average(make_h36m):
+    protocol, corpus = build_protocol("short-term", metrics=["position"]), make_h36m(["eating"])
+    report = evaluate(ZeroVelocity(), protocol, corpus, system="mine")
+    text = report.to_markdown()
+    assert text.count("| eating |") == 4
+    assert "average" not in text.replace("running-average", "")
+    assert [line.action for line in report.lines] == ["eating"] * 4 + ["average"] * 4
+
+
 def test_the_average_over_all_actions_stands_beside_the_printed_one(make_h36m):
     report = evaluate(
         ZeroVelocity(), build_protocol("h36m-128"), make_h36m(H36M_ACTIONS), system=BASELINES[0]

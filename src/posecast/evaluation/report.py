@@ -182,7 +182,8 @@ class Report:
         ]
         lines = [line for line in self._all_lines() if line.metric == name]
         systems = dict.fromkeys(line.system for line in lines)
-        for action in (*first.actions, AVERAGE):
+        averaged = (AVERAGE,) if len(first.actions) > 1 else ()
+        for action in (*first.actions, *averaged):
             for system in systems:
                 cells = [line for line in lines if (line.system, line.action) == (system, action)]
                 texts = [_cell(line, metric.digits) for line in cells]
