@@ -78,8 +78,8 @@ def quaternion_to_euler(
 
     The outer angles lie in [-pi, pi], the middle one in [-pi/2, pi/2] for three different axes
     and in [0, pi] for proper orders. At gimbal lock, where only the sum or the difference of
-    the outer angles is defined, the undefined half-angle is taken as zero; composing the angles
-    gives the rotation back there too.
+    the outer angles is defined, the last angle is zero. Composing the angles gives the rotation
+    back to the last digit, at gimbal lock and as close to it as one likes.
 
     Args:
         rotation: unit quaternions; ``q`` and ``-q`` give the same angles.
@@ -107,6 +107,12 @@ def quaternion_to_euler(
         w, i, j, k = (part * math.sqrt(0.5) for part in (w, i, j, k))
     half_sum = _half_angle(i, w, margin)
     half_difference = _half_angle(k, j, margin)
+    locked = torch.finfo(w.dtype).eps ** 2
+    sum_free, difference_free = w * w + i * i < locked, j * j + k * k < locked
+    half_sum, half_difference = (
+        torch.where(sum_free, half_difference, half_sum),
+        torch.where(difference_free, half_sum, half_difference),
+    )
     middle = 2 * torch.atan2(_radius(j, k, margin), _radius(w, i, margin))
     first, last = half_sum + half_difference, half_sum - half_difference
     if not axes.proper:

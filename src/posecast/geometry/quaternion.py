@@ -36,18 +36,21 @@ def between(
     Lengths do not matter. Opposite directions: a half turn about some axis perpendicular to
     ``start``. A vector without direction (length zero): the identity.
 
-    Source: q = (a . h, a x h), where a is the unit start and h halves the angle to the end.
+    Source: q = (a . h, a x h), where a is the unit start and h halves the angle to the end b.
+    With h along s = a + b, a . h is |s| / 2, which stays accurate when a and b nearly cancel.
     """
     a, b = torch.broadcast_tensors(_unit_vector(start), _unit_vector(end))
     total = a + b
-    noise = 8 * torch.finfo(a.dtype).eps
-    opposite = (total * total).sum(-1, keepdim=True) < noise * noise
+    squared = (total * total).sum(-1, keepdim=True)
+    opposite = squared < (8 * torch.finfo(a.dtype).eps) ** 2
+    length = torch.sqrt(torch.where(opposite, torch.ones_like(squared), squared))
+    w = torch.where(opposite, torch.zeros_like(length), length / 2)
     aside = torch.nn.functional.one_hot(a.detach().abs().argmin(-1), 3).to(a.dtype)
-    halfway = torch.where(opposite, torch.linalg.cross(a, aside), total)
-    halfway = _unit_vector(halfway)
-    turn = torch.cat([(a * halfway).sum(-1, keepdim=True), torch.linalg.cross(a, halfway)], dim=-1)
+    perpendicular = _unit_vector(torch.linalg.cross(a, aside))
+    halfway = torch.where(opposite, perpendicular, total / length)
+    turn = normalize(torch.cat([w, torch.linalg.cross(a, halfway)], dim=-1))
     undefined = (a == 0).all(-1, keepdim=True) | (b == 0).all(-1, keepdim=True)
-    return torch.where(undefined, identity(*turn.shape[:-1], like=turn), normalize(turn))
+    return torch.where(undefined, identity(*turn.shape[:-1], like=turn), turn)
 
 
 def product(
