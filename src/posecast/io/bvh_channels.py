@@ -7,6 +7,7 @@ reading what was written and choosing again gives the same digits.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +16,6 @@ from jaxtyping import Float
 from numpy.typing import NDArray
 from torch import Tensor
 
-from posecast.geometry import quaternion
 from posecast.geometry.euler import ORDERS, quaternion_to_euler
 from posecast.io.bvh_document import AXES
 
@@ -31,42 +31,86 @@ _NEGLIGIBLE = 10
 
 
 def channels_to_quaternion(
-    degrees: Float[np.ndarray, "frames joints turns"], axes: str
+    degrees: Float[np.ndarray, "frames channels"],
+    groups: Mapping[str, Sequence[Sequence[int]]],
+    joints: Sequence[Sequence[int]],
 ) -> Float[Tensor, "frames joints 4"]:
-    """The product of elementary rotations in the order of the channels (intrinsic).
+    """The products of elementary rotations in the order of the channels (intrinsic).
 
     Args:
-        degrees: any number of channels, any winding.
-        axes: one letter a channel; repeats are allowed.
+        degrees: rows of a file, any winding; columns that are no angles are not looked at.
+        groups: by axes, one letter a channel (repeats are allowed), the columns of those
+            channels: for each letter one column a joint.
+        joints: for each group the joints that its columns belong to.
+
+    A few hundred frames at a time: what a step reads is then still in the cache.
     """
-    if np.abs(degrees).max(initial=0) > 3600:
-        degrees = np.fmod(degrees, 360)  # exact, while a large argument of sin is not
-    half = torch.from_numpy(np.ascontiguousarray(np.moveaxis(degrees, -1, 0))) * (np.pi / 360)
-    cosines, sines = torch.cos(half), torch.sin(half)
-    if len(axes) == 3 and len(set(axes)) == 3:
-        return _three_turns(cosines, sines, axes)
-    result = quaternion.identity(*half.shape[1:], like=half)
-    for axis, cosine, sine in zip(axes, cosines, sines, strict=True):
-        turn = torch.zeros_like(result)
-        turn[..., 0], turn[..., 1 + AXES.index(axis)] = cosine, sine
-        result = quaternion.product(result, turn)
-    return result
+    result = np.empty((len(degrees), sum(map(len, joints)), 4))
+    todo = [
+        (axes, [_slice(letter) for letter in columns], _slice(members))
+        for (axes, columns), members in zip(groups.items(), joints, strict=True)
+    ]
+    for start in range(0, len(degrees), _CHUNK):
+        rows = degrees[start : start + _CHUNK]
+        if np.abs(rows).max(initial=0) > 3600:
+            rows = np.fmod(rows, 360)  # exact, while a large argument of sin is not
+        half = torch.from_numpy(rows) * (np.pi / 360)
+        cosines, sines = torch.cos(half).numpy(), torch.sin(half).numpy()
+        for axes, columns, members in todo:
+            turns = [(cosines[:, column], sines[:, column]) for column in columns]
+            if len(axes) == 3 and len(set(axes)) == 3:
+                product = _three_turns(turns, axes)
+            else:
+                shape = (len(rows), result[:1, members].shape[1])
+                product = _any_turns(turns, axes, shape)
+            for part in range(4):
+                result[start : start + _CHUNK, members, part] = product[part]
+    return torch.from_numpy(result)
 
 
-def _three_turns(
-    cosines: Float[Tensor, "3 frames joints"], sines: Float[Tensor, "3 frames joints"], axes: str
-) -> Float[Tensor, "frames joints 4"]:
+_CHUNK = 256
+
+Plane = NDArray[np.float64]
+
+
+def _slice(places: Sequence[int]) -> slice | list[int]:
+    """Evenly spaced places as a slice, which needs no copy."""
+    steps = set(np.diff(places).tolist()) or {1}
+    if len(steps) == 1 and len(places) and (step := steps.pop()) > 0:
+        return slice(places[0], places[-1] + 1, step)
+    return list(places)
+
+
+def _three_turns(turns: Sequence[tuple[Plane, Plane]], axes: str) -> list[Plane]:
     """Product of three turns about different axes, multiplied out: four times less work."""
     i, j, k = (AXES.index(axis) for axis in axes)
-    hand = 1 if (j - i) % 3 == 1 else -1
-    (ci, cj, ck), (si, sj, sk) = cosines, sines
-    cc, cs, sc, ss = cj * ck, cj * sk, sj * ck, hand * (sj * sk)
-    result = cosines.new_empty(*ci.shape, 4)
-    result[..., 0] = ci * cc - si * ss
-    result[..., 1 + i] = si * cc + ci * ss
-    result[..., 1 + j] = ci * sc - hand * (si * cs)
-    result[..., 1 + k] = ci * cs + hand * (si * sc)
-    return result
+    (ci, si), (cj, sj), (ck, sk) = turns
+    cc, cs, sc, ss = cj * ck, cj * sk, sj * ck, sj * sk
+    parts: list[Plane] = [cc] * 4
+    if (j - i) % 3 == 1:
+        parts[0], parts[1 + i] = ci * cc - si * ss, si * cc + ci * ss
+        parts[1 + j], parts[1 + k] = ci * sc - si * cs, ci * cs + si * sc
+    else:
+        parts[0], parts[1 + i] = ci * cc + si * ss, si * cc - ci * ss
+        parts[1 + j], parts[1 + k] = ci * sc + si * cs, ci * cs - si * sc
+    return parts
+
+
+def _any_turns(
+    turns: Sequence[tuple[Plane, Plane]], axes: str, shape: tuple[int, int]
+) -> list[Plane]:
+    """Product of any number of turns about any axes, one after the other."""
+    parts = [np.ones(shape), np.zeros(shape), np.zeros(shape), np.zeros(shape)]
+    for axis, (cosine, sine) in zip(axes, turns, strict=True):
+        i = AXES.index(axis)
+        a, b, c = 1 + i, 1 + (i + 1) % 3, 1 + (i + 2) % 3
+        parts[0], parts[a], parts[b], parts[c] = (
+            parts[0] * cosine - parts[a] * sine,
+            parts[a] * cosine + parts[0] * sine,
+            parts[b] * cosine + parts[c] * sine,
+            parts[c] * cosine - parts[b] * sine,
+        )
+    return parts
 
 
 def complete_axes(axes: str) -> str | None:

@@ -24,20 +24,17 @@ STILL = 2e-6
 def decode_rotations(document: BvhDocument) -> Float[Tensor, "frames joints 4"]:
     """Rotations in file axes; joints with equal orders are converted together."""
     starts = first_columns(document.joints)
-    groups: dict[str, list[int]] = {}
+    members: dict[str, list[int]] = {}
     for place, joint in enumerate(document.joints):
-        groups.setdefault(joint.rotation_axes, []).append(place)
-    result = torch.empty(len(document.values), len(document.joints), 4, dtype=torch.float64)
-    for axes, places in groups.items():
-        columns = [
-            starts[place] + index
-            for place in places
-            for index, channel in enumerate(document.joints[place].channels)
-            if not is_position(channel)
+        members.setdefault(joint.rotation_axes, []).append(place)
+    columns = {
+        axes: [
+            [starts[place] + document.joints[place].rotation_places[turn] for place in places]
+            for turn in range(len(axes))
         ]
-        degrees = document.values[:, columns].reshape(-1, len(places), len(axes))
-        result[:, places] = channels_to_quaternion(degrees, axes)
-    return result
+        for axes, places in members.items()
+    }
+    return channels_to_quaternion(document.values, columns, list(members.values()))
 
 
 class Places:
@@ -110,5 +107,10 @@ def find_up(skeleton: Skeleton, rotations: Float[Tensor, "frames joints 4"], pla
         torch.from_numpy(translations),
         torch.from_numpy(places.root[frames]),
     )
-    # A root that stands still above the hips says nothing about the travel of the body.
-    return guess_up(positions, min(places.moving, default=0))
+    # A root that stands still above the hips is no part of the body.
+    hips = min(places.moving, default=0)
+    body = {hips}
+    for joint, parent in enumerate(skeleton.parents):
+        if parent in body:
+            body.add(joint)
+    return guess_up(positions[:, sorted(body)])

@@ -51,6 +51,11 @@ class BvhJoint:
         """Axes of the rotation channels in their order: ``"zyx"`` means R = Rz Ry Rx."""
         return "".join(name[0].lower() for name in self.channels if not is_position(name))
 
+    @property
+    def rotation_places(self) -> tuple[int, ...]:
+        """Places of the rotation channels among all channels of the joint."""
+        return tuple(place for place, name in enumerate(self.channels) if not is_position(name))
+
 
 @dataclass(frozen=True, eq=False)
 class BvhDocument:

@@ -12,7 +12,6 @@ from jaxtyping import Float
 from numpy.typing import NDArray
 
 from posecast.errors import DataError
-from posecast.geometry import quaternion
 from posecast.io.bvh_channels import MICRO, complete_axes, quaternion_to_channels
 from posecast.io.bvh_decode import STILL
 from posecast.io.bvh_document import AXES, BvhDocument, BvhEnd, BvhJoint, first_columns, is_position
@@ -26,6 +25,7 @@ from posecast.io.bvh_layout import (
 from posecast.motion.clip import Clip
 
 _DEFAULT_ORDER = "zyx"
+_CHUNK = 2**14
 _GREATEST = 2**53 / MICRO
 """File units and degrees up to which six decimals are exact in float64."""
 
@@ -70,20 +70,13 @@ def encode(clip: Clip, path: str | PathLike[str]) -> Encoded:
     columns = _columns(clip, layout, path)
     for column in columns:
         _fit_translation(column, notes)
-    rotations = turn_rotations_back(quaternion.normalize(clip.rotations_local.double()), layout.up)
-    _fit_rotations(columns, rotations.cpu(), notes)
+    rotations = turn_rotations_back(clip.rotations_local.double().cpu(), layout.up)
+    _fit_rotations(columns, rotations, notes)
     joints = tuple(column.joint for column in columns)
     starts = first_columns(joints)
     values = np.empty((clip.frames, starts[-1]))
     for column, start in zip(columns, starts, strict=False):
-        turn = 0
-        for place, channel in enumerate(column.joint.channels, start=start):
-            if is_position(channel):
-                part = column.translation[:, AXES.index(channel[0].lower())]
-                values[:, place] = np.rint(part * MICRO)
-            elif column.angles is not None:
-                values[:, place] = column.angles[:, turn]
-                turn += 1
+        _fill(values, column, start)
     values += 0.0  # no minus before a zero
     same_rate = layout.frame_time and clip.fps == layout.fps
     document = BvhDocument(
@@ -94,6 +87,18 @@ def encode(clip: Clip, path: str | PathLike[str]) -> Encoded:
         newline=layout.newline,
     )
     return Encoded(document, tuple(notes))
+
+
+def _fill(values: Float[np.ndarray, "frames channels"], column: _Column, start: int) -> None:
+    """Write a joint's numbers into its columns."""
+    for place, channel in enumerate(column.joint.channels, start=start):
+        if is_position(channel):
+            part = column.translation[:, AXES.index(channel[0].lower())]
+            values[:, place] = np.rint(part * MICRO)
+    places = [start + place for place in column.joint.rotation_places]
+    if places and column.angles is not None:
+        together = places[-1] - places[0] == len(places) - 1
+        values[:, slice(places[0], places[-1] + 1) if together else places] = column.angles
 
 
 def _columns(clip: Clip, layout: BvhLayout, path: str | PathLike[str]) -> list[_Column]:
@@ -214,15 +219,23 @@ def _solve(
     places: list[int],
     order: str,
     turns: int,
-) -> tuple[bool, ...]:
+) -> list[bool]:
     near = np.zeros((len(places), turns))
     for row, place in zip(near, places, strict=True):
         known = columns[place].near[:turns]
         row[: len(known)] = known
-    found = quaternion_to_channels(rotations[:, places], order, turns, near)
-    for index, place in enumerate(places):
-        columns[place].angles = found.micro[:, index]
-    return found.expressible
+    # A few joints at a time: what a step reads is then still in the cache.
+    batch = max(1, _CHUNK // len(rotations))
+    expressible: list[bool] = []
+    for first in range(0, len(places), batch):
+        chosen = places[first : first + batch]
+        found = quaternion_to_channels(
+            rotations[:, chosen], order, turns, near[first : first + batch]
+        )
+        expressible.extend(found.expressible)
+        for index, place in enumerate(chosen):
+            columns[place].angles = found.micro[:, index]
+    return expressible
 
 
 def _give_three(column: _Column, order: str, notes: list[str]) -> None:

@@ -3,8 +3,9 @@
 A BVH file names neither its unit nor its vertical axis. Both are guessed from the body as it moves:
 
 * unit: the longest way along bones from one joint to another (fingertip to toe) is about 1.35
-  times the standing height of a person, whatever the pose. Of metres, CMU's 1/0.45 inch, inches,
-  centimetres and millimetres the one that brings this height nearest to 1.7 m is taken.
+  times the standing height of a person, whatever the pose. A height below 7 file units is taken
+  as metres, below 45 as CMU's 1/0.45 inch, below 82 as inches, below 540 as centimetres (people
+  of 0.82 to 5.4 m: the most common unit gets the widest range), above as millimetres.
 * up: y, unless the posed body extends clearly more along z or x, stands clearly nearer to the
   floor there, and does not travel along it. The OFFSETs say nothing: bones often lie along x.
 """
@@ -21,7 +22,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from posecast.io.bvh_document import AXES, BvhJoint
+from posecast.io.bvh_document import BvhJoint
 from posecast.skeleton import Skeleton
 
 Up = Literal["x", "y", "z"]
@@ -35,10 +36,18 @@ UNITS: dict[str, float] = {
 }
 """Metres per file unit."""
 
+_HEIGHT_BELOW: dict[str, float] = {
+    "m": 7,
+    "1/0.45 inch (CMU)": 45,
+    "inch": 82,
+    "cm": 540,
+    "mm": math.inf,
+}
+"""Standing height in file units up to which a unit is taken."""
+
 _SPAN_PER_HEIGHT = 1.35
-_USUAL_HEIGHT = 1.7
-_DOUBTFUL = 1.6
-"""Factor between guessed and usual height from which the guess is worth a note."""
+_PEOPLE = (0.8, 2.4)
+"""Standing heights in metres that need no note."""
 
 
 @dataclass(frozen=True)
@@ -175,38 +184,31 @@ def guess_unit(skeleton: Skeleton, lengths: Sequence[float]) -> Guess:
     height = span / _SPAN_PER_HEIGHT
     if not 0 < height < math.inf:
         return Guess(UNITS["cm"], "no bone has a length to guess the unit from; taken as cm")
-    name = min(UNITS, key=lambda unit: abs(math.log(height * UNITS[unit] / _USUAL_HEIGHT)))
+    name = next(unit for unit, limit in _HEIGHT_BELOW.items() if height < limit)
     metres = height * UNITS[name]
     doubt = ""
-    if not 1 / _DOUBTFUL < metres / _USUAL_HEIGHT < _DOUBTFUL:
+    if not _PEOPLE[0] < metres < _PEOPLE[1]:
         doubt = f"unit taken as {name}, a body {metres:.3g} m tall; give the unit if it is another"
     return Guess(UNITS[name], doubt)
 
 
-def guess_up(positions: Float[Tensor, "frames joints 3"], root: int = 0) -> Up:
+def guess_up(positions: Float[Tensor, "frames joints 3"]) -> Up:
     """Vertical axis of a motion; see the head of this file.
 
     Args:
-        positions: world positions of some frames, any unit, file axes.
-        root: the joint whose travel is looked at.
+        positions: world positions of some frames, any unit, file axes; the hips first.
     """
-    centered = positions - positions[:, root : root + 1]
+    centered = positions - positions[:, :1]
     mean = centered.mean(dim=0)
     extent = mean.amax(dim=0) - mean.amin(dim=0)
     floor = positions.amin(dim=1).median(dim=0).values.abs()
-    travel = positions[:, root].std(dim=0, correction=0)
+    travel = positions[:, 0].std(dim=0, correction=0)
     limit = extent.max()
     score = extent - 0.5 * torch.minimum(floor, limit) - torch.minimum(travel, limit)
-    scores = dict(zip(AXES, score.tolist(), strict=True))
-    if scores["z"] > max(scores["y"], scores["x"]) and _clearly(scores["z"], scores["y"], 1.1):
+    x, y, z = score.tolist()
+    if z > max(x, 1.1 * y, 0):
         return "z"
-    if scores["x"] > max(scores["y"], scores["z"]) and _clearly(scores["x"], scores["y"], 1.5):
-        return "x"
-    return "y"
-
-
-def _clearly(score: float, other: float, factor: float) -> bool:
-    return score > 0 and score > factor * other
+    return "x" if x > max(z, 1.5 * y, 0) else "y"
 
 
 _UNWRITABLE = re.compile(r"[{}\x00-\x1f\x7f-\x9f\u2028\u2029]+")

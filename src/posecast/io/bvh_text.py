@@ -95,34 +95,51 @@ def _hierarchy(joints: tuple[BvhJoint, ...]) -> Iterator[str]:
 
 
 def six_decimals(micro: Float[np.ndarray, "frames channels"]) -> bytes:
-    """Rows of text with six decimals, about six times faster than ``%.6f``.
+    """Rows of text with six decimals, several times faster than ``%.6f``.
 
     Args:
         micro: whole millionths, held exactly, so of a size below 2**53.
 
     Every number gets a record of fixed width with zero bytes where it is shorter; taking the zero
-    bytes out afterwards is one pass.
+    bytes out afterwards is one pass. Some rows at a time, so that all of it stays in the cache.
     """
-    size = np.abs(micro)
-    whole = np.floor(size / MICRO)
-    if whole.max(initial=0) >= 10**8:
+    rows = max(1, _CHUNK // max(1, micro.shape[1]))
+    greatest = np.abs(micro).max(initial=0)
+    if greatest >= 10**8 * MICRO:
         return _six_decimals_slowly(micro)
-    fraction = (size - whole * MICRO).astype(np.int64)
-    high = np.floor(whole / 10**4).astype(np.int64)
-    low = (whole - high * 10**4).astype(np.int64)
+    whole_type = np.uint32 if greatest < 2**32 else np.uint64
+    return b"".join(
+        _records(micro[start : start + rows], whole_type).tobytes().translate(None, b"\0")
+        for start in range(0, len(micro), rows)
+    )
+
+
+_CHUNK = 2**15
+
+
+def _records(
+    micro: Float[np.ndarray, "frames channels"], whole_type: type[np.unsignedinteger]
+) -> NDArray[np.void]:
+    """The text of every number in a record, with zero bytes in what it does not need."""
+    size = np.abs(micro).astype(whole_type)
+    whole = size // MICRO
+    fraction = size - whole * MICRO
+    tenths = fraction // 100
     text = np.zeros(micro.shape, dtype=_RECORD)
-    text["sign"] = np.where(micro < 0, ord("-"), 0)
-    if high.any():
+    text["sign"] = np.where(micro < 0, np.uint8(ord("-")), np.uint8(0))
+    if whole.max(initial=0) >= 10**4:
+        high = whole // 10**4
+        low = whole - high * 10**4
         text["high"] = np.where(high > 0, _SHORT.take(high), 0)
         text["low"] = np.where(high > 0, _FULL.take(low), _SHORT.take(low))
     else:
-        text["low"] = _SHORT.take(low)
+        text["low"] = _SHORT.take(whole)
     text["dot"] = ord(".")
-    text["tenths"] = _FULL.take(fraction // 100)
-    text["last"] = _PAIRS.take(fraction % 100)
+    text["tenths"] = _FULL.take(tenths)
+    text["last"] = _PAIRS.take(fraction - tenths * 100)
     text["blank"] = ord(" ")
     text["blank"][:, -1] = ord("\n")
-    return text.tobytes().translate(None, b"\0")
+    return text
 
 
 def _six_decimals_slowly(micro: Float[np.ndarray, "frames channels"]) -> bytes:
