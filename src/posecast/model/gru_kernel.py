@@ -87,7 +87,7 @@ class _Gather(torch.autograd.Function):
     def forward(ctx: Any, pending: _Pending, *weights: Tensor) -> tuple[Tensor, ...]:
         ctx.pending = pending
         ctx.set_materialize_grads(False)
-        return tuple(weight.view_as(weight) for weight in weights)
+        return tuple(weight.detach() for weight in weights)
 
     @staticmethod
     @once_differentiable

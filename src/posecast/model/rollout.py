@@ -33,7 +33,7 @@ class Session:
     forecaster: Forecaster
     state: State
     unread: Float[Tensor, "batch frames features"]
-    controls: Float[Tensor, "batch frames controls"] | None = None
+    controls: Float[Tensor, "batch _ controls"] | None = None
     generator: torch.Generator | None = None
     feedback_gradient: bool = True
 
@@ -62,7 +62,7 @@ class Session:
     def read(
         self,
         frames: Float[Tensor, "batch frames features"],
-        controls: Float[Tensor, "batch frames controls"] | None = None,
+        controls: Float[Tensor, "batch _ controls"] | None = None,
     ) -> None:
         """Queue true frames behind those that are unread; the next step reads them all at once.
 

@@ -1,0 +1,121 @@
+"""Laws that hold for every backbone."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+
+from posecast.model import BACKBONES
+
+OPTIONS = {
+    "gru": [
+        {"hidden": 6, "layers": layers, "initial_state": initial}
+        for layers in (1, 3)
+        for initial in ("learned", "zero")
+    ],
+}
+"""Small members of every kind; a kind that is missing here fails the tests below."""
+
+CASES = [(kind, options) for kind in BACKBONES for options in OPTIONS[kind]]
+CUTS = [[1, 9], [4, 6], [9, 1], [3, 3, 4], [1] * 10]
+
+
+@pytest.fixture(params=CASES, ids=lambda case: "-".join(map(str, (case[0], *case[1].values()))))
+def backbone(request):
+    kind, options = request.param
+    made = BACKBONES[kind](5, **options).double()
+    made.reset_parameters(torch.Generator().manual_seed(2))
+    return made
+
+
+@pytest.fixture
+def frames(generator):
+    return torch.randn(4, 10, 5, generator=generator, dtype=torch.float64)
+
+
+def test_every_backbone_is_tested():
+    assert len(CASES) >= 4
+    assert set(OPTIONS) == set(BACKBONES)
+
+
+@pytest.mark.parametrize("lengths", CUTS, ids=str)
+def test_a_backbone_does_not_care_how_frames_are_chunked(backbone, lengths, frames):
+    whole, last = backbone(frames, backbone.initial_state(4))
+    state, contexts = backbone.initial_state(4), []
+    for piece in frames.split(lengths, dim=1):
+        context, state = backbone(piece, state)
+        contexts.append(context)
+    assert whole.shape == (4, 10, backbone.context_dim)
+    torch.testing.assert_close(torch.cat(contexts, dim=1), whole, atol=1e-12, rtol=0)
+    for one, other in zip(state, last, strict=True):
+        torch.testing.assert_close(one, other, atol=1e-12, rtol=0)
+
+
+@pytest.mark.parametrize("lengths", CUTS, ids=str)
+def test_gradients_do_not_care_how_frames_are_chunked(backbone, lengths, frames):
+    def gradients(pieces):
+        state, total = backbone.initial_state(4), torch.zeros(())
+        for piece in pieces:
+            context, state = backbone(piece, state)
+            total = total + context.sin().sum()
+        return torch.autograd.grad(total, list(backbone.parameters()))
+
+    assert len(list(backbone.parameters())) > 0
+    whole, cut = gradients([frames]), gradients(frames.split(lengths, dim=1))
+    for one, other in zip(cut, whole, strict=True):
+        torch.testing.assert_close(one, other, atol=1e-11, rtol=0)
+
+
+def test_no_frame_has_an_influence_on_an_earlier_one(backbone, frames):
+    context, _ = backbone(frames, backbone.initial_state(4))
+    changed = frames.clone()
+    changed[:, 6:] += 1
+    after, _ = backbone(changed, backbone.initial_state(4))
+    torch.testing.assert_close(after[:, :6], context[:, :6], atol=0, rtol=0)
+    assert not torch.allclose(after[:, 6], context[:, 6])
+
+
+def test_sequences_of_a_batch_do_not_mix(backbone, frames):
+    context, state = backbone(frames, backbone.initial_state(4))
+    alone, alone_state = backbone(frames[2:3], backbone.initial_state(1))
+    torch.testing.assert_close(alone[0], context[2], atol=1e-12, rtol=0)
+    for one, all_ in zip(alone_state, state, strict=True):
+        torch.testing.assert_close(one[0], all_[2], atol=1e-12, rtol=0)
+
+
+def test_a_state_is_a_value_that_can_be_gone_back_to(backbone, frames):
+    _, state = backbone(frames[:, :5], backbone.initial_state(4))
+    kept = tuple(part.clone() for part in state)
+    first, _ = backbone(frames[:, 5:], state)
+    second, _ = backbone(frames[:, 5:], state)
+    assert torch.equal(first, second)
+    for part, copy in zip(state, kept, strict=True):
+        assert torch.equal(part, copy)
+
+
+def test_weights_follow_the_generator(backbone):
+    def drawn(seed):
+        backbone.reset_parameters(torch.Generator().manual_seed(seed))
+        return torch.cat([weight.detach().flatten() for weight in backbone.parameters()])
+
+    torch.testing.assert_close(drawn(1), drawn(1), atol=0, rtol=0)
+    # No entry of any weight keeps its old value.
+    assert (drawn(1) != drawn(2)).all()
+
+
+def test_a_learned_first_state_is_small_and_shared_by_the_batch():
+    backbone = BACKBONES["gru"](5, hidden=4000, layers=2, initial_state="learned")
+    backbone.reset_parameters(torch.Generator().manual_seed(0))
+    states = backbone.initial_state(3)
+    assert len(states) == 2
+    for state in states:
+        assert state.shape == (3, 4000)
+        assert torch.equal(state[0], state[2])
+        # Standard deviation 0.01, estimated from 4000 draws: 1 % of it is one standard error.
+        assert state[0].std().item() == pytest.approx(0.01, rel=0.05)
+
+
+def test_a_first_state_of_zeros_is_not_trained():
+    backbone = BACKBONES["gru"](5, hidden=6, layers=2, initial_state="zero")
+    assert all((state == 0).all() for state in backbone.initial_state(3))
+    assert len(list(backbone.parameters())) == 8

@@ -1,0 +1,168 @@
+"""Every combination of parts builds, trains and rolls out, or says what would fit."""
+
+from __future__ import annotations
+
+from functools import partial
+from itertools import product
+
+import pytest
+import torch
+
+from posecast.errors import ConfigError
+from posecast.geometry import quaternion
+from posecast.model import (
+    BACKBONES,
+    HEADS,
+    ControlLayers,
+    Forecaster,
+    ForecasterPredictor,
+    RunningAverage,
+    ZeroVelocity,
+    rollout,
+)
+from posecast.model.forecaster import Residual
+from posecast.motion import Motion
+from posecast.representation import REPRESENTATIONS, Codec, build_representation
+from posecast.skeleton import Skeleton
+from posecast.training.feeding import FEEDS
+
+SKELETON = Skeleton(("hips", "spine", "head", "left", "right"), (-1, 0, 1, 1, 1))
+PREFIX, TRAINED, HORIZON, CONTROLS = 4, 2, 10, 6
+
+BACKBONE_OPTIONS = {
+    "gru": [{"hidden": 8, "layers": 1, "initial_state": initial} for initial in ("learned", "zero")]
+}
+HEAD_OPTIONS = {"dense": [{}, {"hidden": 12}]}
+FEED_OPTIONS = {
+    "teacher_forcing": {},
+    "free_running": {},
+    "scheduled_sampling": {"decay": 0.5},
+}
+INPUTS = ("plain", "projected", "steered")
+RESIDUALS = Residual.__args__
+ROOTS = ("none", "displacement")
+STANDARDIZE = (False, True)
+
+CODECS = list(product(REPRESENTATIONS, ROOTS, STANDARDIZE))
+NETWORKS = list(
+    product(
+        [(kind, options) for kind in BACKBONES for options in BACKBONE_OPTIONS[kind]],
+        [(kind, options) for kind in HEADS for options in HEAD_OPTIONS[kind]],
+        RESIDUALS,
+        INPUTS,
+        FEEDS,
+    )
+)
+
+
+def make_motion(generator):
+    start, speed = torch.randn(2, 3, 1, 5, 3, generator=generator)
+    time = torch.arange(PREFIX + HORIZON)[:, None, None] / 10
+    return Motion(
+        quaternion.exp(start + speed * time),
+        torch.randn(3, PREFIX + HORIZON, 3, generator=generator),
+        torch.randn(3, 5, 3, generator=generator),
+    )
+
+
+def make_codec(kind, root, standardize, motion):
+    representation = build_representation(kind, SKELETON)
+    plain = Codec(SKELETON, representation, root=root)
+    statistics = plain.measure([motion]) if standardize else None
+    return Codec(SKELETON, representation, root=root, statistics=statistics)
+
+
+def make_forecaster(codec, network, generator):
+    (backbone, backbone_options), (head, head_options), residual, inputs, _ = network
+    projected = {"input_dropout": 0.2, "projection": 9, "projection_activation": "relu"}
+    forecaster = Forecaster(
+        codec,
+        backbone=partial(BACKBONES[backbone], **backbone_options),
+        head=partial(HEADS[head], **head_options),
+        residual=residual,
+        controls=ControlLayers(CONTROLS) if inputs == "steered" else None,
+        **(projected if inputs == "projected" else {}),
+    )
+    forecaster.reset_parameters(generator)
+    return forecaster
+
+
+def train(run, forecaster, truth, feed, generator):
+    """Two steps of training, in which every weight gets a finite gradient."""
+    penalty = forecaster.codec.representation.penalty
+    optimizer = torch.optim.Adam(forecaster.parameters(), lr=1e-3)
+    schedule = FEEDS[feed](**FEED_OPTIONS[feed])
+    for epoch in range(2):
+        mask = schedule.mask(TRAINED, epoch, generator)
+        found = run(TRAINED, truth=truth, truth_mask=mask)
+        loss = (found.features - truth[:, :TRAINED]).abs().mean() + 0.01 * penalty(found.raw)
+        optimizer.zero_grad()
+        loss.backward()
+        for name, weight in forecaster.named_parameters():
+            assert weight.grad is not None, f"{name} has no gradient"
+            assert weight.grad.isfinite().all(), f"{name} has a gradient that is not finite"
+        optimizer.step()
+
+
+def try_combination(codec, network, motion, generator):
+    """Build, train two steps and roll out; true, or false after an error that names what fits."""
+    *_, inputs, feed = network
+    features = codec.encode(motion)
+    controls = torch.randn(3, PREFIX + HORIZON, CONTROLS, generator=generator)
+    try:
+        forecaster = make_forecaster(codec, network, generator)
+        run = partial(
+            rollout,
+            forecaster,
+            features[:, :PREFIX],
+            controls=controls if inputs == "steered" else None,
+            generator=generator,
+        )
+        train(run, forecaster, features[:, PREFIX:], feed, generator)
+        with torch.no_grad():
+            predicted = run(HORIZON).features
+        decoded = codec.decode(
+            predicted, offsets=motion.offsets, anchor=motion.root_positions[:, PREFIX - 1]
+        )
+    except ConfigError as error:
+        assert "choose" in str(error), f"{error} does not name what would fit"  # noqa: PT017
+        return False
+    assert decoded.rotations_local.shape == (3, HORIZON, 5, 4)
+    assert decoded.root_positions.shape == (3, HORIZON, 3)
+    lengths = decoded.rotations_local.norm(dim=-1)
+    torch.testing.assert_close(lengths, torch.ones_like(lengths), atol=1e-5, rtol=0)
+    assert decoded.root_positions.isfinite().all()
+    return True
+
+
+@pytest.mark.parametrize(("kind", "root", "standardize"), CODECS)
+def test_every_combination_works_or_names_what_would_fit(kind, root, standardize, generator):
+    motion = make_motion(generator)
+    codec = make_codec(kind, root, standardize, motion)
+    outcomes = [try_combination(codec, network, motion, generator) for network in NETWORKS]
+    assert len(outcomes) == 108
+    assert all(outcomes)
+
+
+def test_all_combinations_are_tried():
+    assert set(BACKBONE_OPTIONS) == set(BACKBONES)
+    assert set(HEAD_OPTIONS) == set(HEADS)
+    assert set(FEED_OPTIONS) == set(FEEDS)
+    assert len(RESIDUALS) == 3
+    assert len(CODECS) * len(NETWORKS) == 4 * 108
+
+
+@pytest.mark.parametrize("root", ROOTS)
+@pytest.mark.parametrize("kind", REPRESENTATIONS)
+def test_all_predictors_are_called_alike(kind, root, generator):
+    motion = make_motion(generator)
+    codec = make_codec(kind, root, False, motion)
+    forecaster = Forecaster(
+        codec, backbone=partial(BACKBONES["gru"], hidden=8), head=HEADS["dense"]
+    )
+    predictors = [ZeroVelocity(), RunningAverage(4), ForecasterPredictor(forecaster)]
+    for predictor in predictors:
+        found = predictor.predict(motion, 7)
+        assert found.rotations_local.shape == (3, 7, 5, 4)
+        assert found.root_positions.shape == (3, 7, 3)
+        assert torch.equal(found.offsets, motion.offsets)
