@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import filecmp
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -136,8 +137,8 @@ def recordings(folder: Path) -> dict[str, Path]:
         DataError: one is there twice.
     """
     found: dict[str, Path] = {}
-    for file in find(folder, PATTERN).values():
-        name = _usual_name(file)
+    for file in filter(is_recording, find(folder, PATTERN).values()):
+        name = usual_name(file)
         if name in found:
             raise DataError(
                 folder, f"{name} is there twice: {found[name]} and {file}; give the folder of one"
@@ -146,7 +147,14 @@ def recordings(folder: Path) -> dict[str, Path]:
     return {name: found[name] for name in FILES if name in found}
 
 
-def _usual_name(file: Path) -> str:
+def is_recording(file: Path) -> bool:
+    """Whether a file is called like a recording and lies in a subject's folder."""
+    called = re.fullmatch(PATTERN, file.name, re.IGNORECASE) is not None
+    return called and file.parent.name in SUBJECTS
+
+
+def usual_name(file: Path) -> str:
+    """``S5/walking_1.txt``, wherever the file is."""
     return f"{file.parent.name}/{file.name.lower()}"
 
 
@@ -172,7 +180,7 @@ def _read(
     file: Path, *, fps: float, trajectory: Literal["increments", "world"]
 ) -> tuple[Clip, ...]:
     clip = read_h36m(file, root=trajectory)
-    return resample(replace(clip, labels={**clip.labels, "file": _usual_name(file)}), fps)
+    return resample(replace(clip, labels={**clip.labels, "file": usual_name(file)}), fps)
 
 
 def _too_short(clips: Sequence[Clip]) -> tuple[str, ...]:

@@ -83,7 +83,7 @@ def choose_splits(
     return chosen, f"Split by {where}; {left_out} of {len(names)} files are not named, not used."
 
 
-def match_globs(names: Sequence[str], globs: Globs, where: str) -> dict[str, str]:
+def match_globs(names: Sequence[str], globs: Mapping[str, object], where: str) -> dict[str, str]:
     """Which split each name is in by patterns; names that match none are left out.
 
     Args:
