@@ -155,7 +155,7 @@ class Recipe:
         """
         options = dict(self.config["corpus"])
         return build_corpus(
-            options.pop("kind"), root=root, fps=self.fps, cache=cache, progress=progress, **options
+            options.pop("kind"), root=root, fps=self.fps, cache=cache, **options
         )
 
     def build_codec(self, skeleton: Skeleton, statistics: Statistics | None = None) -> Codec:

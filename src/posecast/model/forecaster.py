@@ -11,7 +11,7 @@ from torch import Tensor, nn
 
 from posecast.errors import ConfigError
 from posecast.model.controls import ControlLayers
-from posecast.model.head import Head, reset_linear
+from posecast.model.head import Head, reset_linear, start_linear_at
 from posecast.model.recurrent import Backbone, State
 from posecast.representation import Codec
 from posecast.skeleton import Skeleton
@@ -50,6 +50,9 @@ class Forecaster(nn.Module):
         input_dropout: share of the inputs set to zero in training; the residual reads them all.
         projection: size of a linear layer before the backbone; ``None``: no such layer.
         projection_activation: what follows that layer: nothing, or rectification.
+        still_start: begin training near zero velocity: the output layers start at the residual's
+            identity with small weights, so the first predictions repeat the last frame. No paper
+            here does so; a network of any size saves the epochs in which it learns to stand still.
         controls: layers that prepare the controls of a frame for the backbone; ``None``: the
             forecaster takes no controls.
     """
@@ -64,6 +67,7 @@ class Forecaster(nn.Module):
         input_dropout: float = 0.0,
         projection: int | None = None,
         projection_activation: Literal["none", "relu"] = "none",
+        still_start: bool = False,
         controls: ControlLayers | None = None,
     ) -> None:
         super().__init__()
@@ -100,6 +104,13 @@ class Forecaster(nn.Module):
             values = None if statistics is None else getattr(statistics, name)
             values = None if values is None else values.to(torch.get_default_dtype())
             self.register_buffer(name, values, persistent=False)
+        if still_start and residual == "none":
+            raise ConfigError(
+                "still_start: without a residual there is no last frame to repeat; "
+                "set residual to add or compose, or leave still_start out"
+            )
+        self.still_start = still_start
+        self._begin_still()
 
     mean: Tensor | None
     scale: Tensor | None
@@ -113,6 +124,19 @@ class Forecaster(nn.Module):
             self.controls.reset_parameters(generator)
         self.backbone.reset_parameters(generator)
         self.head.reset_parameters(generator)
+        self._begin_still()
+
+    def _begin_still(self) -> None:
+        """Let the output layers start at the residual's identity, if that was asked for."""
+        if not self.still_start:
+            return
+        representation, joints = self.codec.representation, len(self.codec.skeleton)
+        nothing = torch.zeros(joints, representation.joint_dim)
+        self.head.start_at(
+            representation.identity(nothing) if self.residual == "compose" else nothing
+        )
+        if self.root is not None:
+            start_linear_at(self.root, torch.zeros(self.codec.root_dim))
 
     def initial_state(self, batch: int) -> State:
         """The state before anything was read."""

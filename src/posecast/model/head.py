@@ -28,6 +28,10 @@ class Head(Protocol):
         """Draw all weights anew."""
         ...
 
+    def start_at(self, joints: Float[Tensor, "joints joint_dim"]) -> None:
+        """Change the weights so that the head puts out nearly ``joints``, whatever the context."""
+        ...
+
 
 class DenseHead(nn.Module):
     """All joints at once by a linear layer, with one hidden layer of rectified units if asked for.
@@ -55,6 +59,10 @@ class DenseHead(nn.Module):
             if layer is not None:
                 reset_linear(layer, generator)
 
+    def start_at(self, joints: Float[Tensor, "joints joint_dim"]) -> None:
+        """Change the weights so that the head puts out nearly ``joints``, whatever the context."""
+        start_linear_at(self.output, joints.flatten())
+
     def forward(
         self, context: Float[Tensor, "*batch context"]
     ) -> Float[Tensor, "*batch joints joint_dim"]:
@@ -71,3 +79,10 @@ def reset_linear(layer: nn.Module, generator: torch.Generator | None = None) -> 
     nn.init.uniform_(layer.weight, -bound, bound, generator=generator)
     if layer.bias is not None:
         nn.init.uniform_(layer.bias, -bound, bound, generator=generator)
+
+
+def start_linear_at(layer: nn.Linear, values: Float[Tensor, " outputs"]) -> None:
+    """Set the bias of a linear layer to ``values`` and make its weights ten times smaller."""
+    with torch.no_grad():
+        layer.weight.mul_(0.1)
+        layer.bias.copy_(values)

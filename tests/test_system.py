@@ -1,0 +1,119 @@
+"""A system written to disk and read back is the same system, and runs no code of its folder."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+import torch
+import yaml
+
+from posecast.corpora.synthetic import synthetic
+from posecast.errors import ConfigError, DataError
+from posecast.motion.corpus import Corpus
+from posecast.recipe import Recipe, load_recipe
+from posecast.system import System, load, save, train
+
+
+@pytest.fixture(scope="module")
+def recipe() -> Recipe:
+    return load_recipe(
+        "quaternet-vel-small",
+        [
+            "model.backbone.hidden=16",
+            "codec.standardize=deviation",
+            "training.epochs=2",
+            "training.sampling.steps_per_epoch=2",
+            "training.batch=4",
+            "protocol.prefix_ms=400",
+        ],
+    )
+
+
+@pytest.fixture(scope="module")
+def corpus() -> Corpus:
+    return synthetic(fps=25.0, clips=12, seconds=4.0)
+
+
+@pytest.fixture(scope="module")
+def run(recipe: Recipe, corpus: Corpus, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("run")
+    train(recipe, corpus, folder, progress=False)
+    return folder
+
+
+def test_a_run_leaves_two_checkpoints_and_its_logs(run: Path) -> None:
+    names = {entry.name for entry in run.iterdir()}
+    assert {"best", "last", "log.csv", "validation.csv"} <= names
+
+
+def test_a_loaded_system_predicts_what_the_saved_one_did(
+    run: Path, corpus: Corpus, tmp_path: Path
+) -> None:
+    system = load(run / "best")
+    save(system, tmp_path / "copy")
+    copy = load(tmp_path / "copy")
+    clip = corpus.split("test")[0]
+    first, second = (each.forecast(clip, horizon_ms=400) for each in (system, copy))
+    assert torch.equal(first.rotations_local, second.rotations_local)
+    assert torch.equal(first.root_positions, second.root_positions)
+    assert system.fps == copy.fps == 25
+    assert system.recipe.name == "quaternet-vel-small"
+    assert system.parameters == copy.parameters > 1000
+
+
+def test_statistics_travel_with_the_weights(run: Path, recipe: Recipe, corpus: Corpus) -> None:
+    measured = recipe.measure(corpus)
+    kept = load(run / "last").forecaster.codec.statistics
+    assert measured is not None
+    assert kept is not None
+    torch.testing.assert_close(kept.mean, measured.mean)
+    torch.testing.assert_close(kept.scale, measured.scale)
+
+
+def test_loading_leaves_the_global_random_state_alone(run: Path) -> None:
+    before = torch.random.get_rng_state()
+    load(run / "best")
+    assert torch.equal(before, torch.random.get_rng_state())
+
+
+def test_training_twice_gives_the_same_weights(
+    recipe: Recipe, corpus: Corpus, run: Path, tmp_path: Path
+) -> None:
+    train(recipe, corpus, tmp_path, progress=False)
+    first, second = (load(folder / "last").forecaster.state_dict() for folder in (run, tmp_path))
+    assert first.keys() == second.keys()
+    assert all(torch.equal(first[name], second[name]) for name in first)
+
+
+def test_another_seed_gives_other_weights(
+    recipe: Recipe, corpus: Corpus, run: Path, tmp_path: Path
+) -> None:
+    config = {**recipe.config, "training": {**recipe.config["training"], "seed": 5}}
+    train(Recipe(config), corpus, tmp_path, progress=False)
+    first, second = (load(folder / "last").forecaster.state_dict() for folder in (run, tmp_path))
+    assert any(not torch.equal(first[name], second[name]) for name in first)
+
+
+def test_a_corpus_at_another_rate_is_refused(recipe: Recipe, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="works at 25 frames per second, the corpus has 30"):
+        train(recipe, synthetic(fps=30.0, clips=6, seconds=3.0), tmp_path, progress=False)
+
+
+def test_weights_of_another_size_are_refused_in_one_line(run: Path, tmp_path: Path) -> None:
+    save(load(run / "best"), tmp_path / "copy")
+    path = tmp_path / "copy" / "recipe.yaml"
+    config = yaml.safe_load(path.read_text())
+    config["model"]["backbone"]["hidden"] = 17
+    path.write_text(yaml.safe_dump(config))
+    with pytest.raises(DataError, match="do not fit the recipe") as caught:
+        load(tmp_path / "copy")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_checkpoint_says_what_it_was_trained_on(run: Path) -> None:
+    facts = json.loads((run / "best" / "checkpoint.json").read_text())
+    assert facts["fps"] == 25
+    assert len(facts["skeleton"]["names"]) == len(facts["offsets"]) > 15
+    assert isinstance(load(run / "best"), System)
