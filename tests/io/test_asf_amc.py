@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from pathlib import Path
 
@@ -11,84 +10,9 @@ import pytest
 import torch
 
 from posecast.errors import DataError
-from posecast.io.asf import read_asf
 from posecast.io.asf_amc import read_amc
 from posecast.skeleton import joint_positions
-
-ASF = """# made for this test
-:version 1.10
-:name TEST
-:units
-  mass 1.0
-  length 0.45
-  angle deg
-:documentation
-   root begin end :not a section
-   begin
-:root
-   order TX TY TZ RX RY RZ
-   axis XYZ
-   position 0 0 0
-   orientation 0 0 0
-:bonedata
-  begin
-     id 1
-     name hip
-     direction 0.6 -0.8 0
-     length 2.5
-     axis 0 0 0  XYZ
-  end
-  begin
-     id 2
-     name thigh
-     direction 0.34202 -0.939693 0
-     length 7.25e+000
-     axis 10 -20 30 XYZ
-     dof rx ry rz
-     limits (-160.0 20.0)
-            (-70.0 70.0)
-            (-inf inf)
-  end
-  begin
-     id 3
-     name shin
-     direction 0 -1 0
-     length 7
-     axis -90 7.62852e-016 20 ZXY
-     dof rx
-     limits (-10.0 170.0)
-  end
-  begin
-     id 4
-     name back
-     direction 0 1 0
-     length 4
-     axis 15 25 35 YZX
-     dof rz rx
-     bodymass 3
-  end
-:hierarchy
-  begin
-    root back hip
-    hip thigh
-    thigh shin
-  end
-"""
-
-AMC = """#!OML:ASF C:\\somewhere\\test.ASF
-:FULLY-SPECIFIED
-:DEGREES
-1
-root 1 2 3 10 20 30
-back 5 -6
-thigh 7 8 9e-001
-shin -10
-2
-root 1.5 2 -3 100 -20 35
-back 5.5 -6.25
-thigh 7.125 80 9
-shin -1.25e-015
-"""
+from tests.io.asf_amc_reference import AMC, ASF, SlowActor, slow_frame
 
 
 @pytest.fixture
@@ -96,93 +20,6 @@ def trial(tmp_path: Path) -> Path:
     (tmp_path / "07.asf").write_text(ASF)
     (tmp_path / "07_01.amc").write_text(AMC)
     return tmp_path / "07_01.amc"
-
-
-def elementary(axis: str, degrees: float) -> np.ndarray:
-    c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
-    return np.array(
-        {
-            "x": [[1, 0, 0], [0, c, -s], [0, s, c]],
-            "y": [[c, 0, s], [0, 1, 0], [-s, 0, c]],
-            "z": [[c, -s, 0], [s, c, 0], [0, 0, 1]],
-        }[axis]
-    )
-
-
-def chained(order: str, degrees: list[float]) -> np.ndarray:
-    """Turns about fixed axes, first letter first."""
-    matrix = np.eye(3)
-    for axis, angle in zip(order, degrees, strict=True):
-        matrix = elementary(axis, angle) @ matrix
-    return matrix
-
-
-class SlowActor:
-    """Bones read naively (well-formed files, degrees) and placed by the definition of the format.
-
-    A bone starts where its parent ends and ends at start + W direction length, with
-    W = W_parent C M C^T.
-    """
-
-    def __init__(self, asf: Path) -> None:
-        words = asf.read_text().split(":bonedata")[1].split()
-        self.bones: dict[str, dict[str, list[str]]] = {}
-        keys = (
-            "id",
-            "bodymass",
-            "name",
-            "direction",
-            "length",
-            "axis",
-            "dof",
-            "limits",
-            "begin",
-            "end",
-        )
-        key, bone = "", {}
-        for word in words[: words.index(":hierarchy")]:
-            if word == "begin":
-                bone = {"dof": []}
-            if word in keys:
-                key = word
-                bone.setdefault(key, [])
-            else:
-                bone[key].append(word)
-            if word == "end":
-                self.bones[bone["name"][0]] = bone
-        self.parent: dict[str, str] = {}
-        for line in asf.read_text().split(":hierarchy")[1].splitlines():
-            parent, *children = line.split() or [""]
-            self.parent.update(dict.fromkeys(children, parent))
-
-    def place(self, frame: dict[str, list[float]]) -> tuple[dict, dict]:
-        """Start and end of every bone, in the unit of the file."""
-        turn = {"root": chained("xyz", frame["root"][3:])}
-        start: dict[str, np.ndarray] = {}
-        end = {"root": np.array(frame["root"][:3])}
-        waiting = list(self.parent)
-        while waiting:
-            name = waiting.pop(0)
-            if self.parent[name] not in end:
-                waiting.append(name)
-                continue
-            bone = self.bones[name]
-            about = dict(zip("xyz", map(float, bone["axis"][:3]), strict=True))
-            order = bone["axis"][3].lower()
-            frame_axes = chained(order, [about[axis] for axis in order])
-            moved = chained("".join(dof[1] for dof in bone["dof"]), frame.get(name, []))
-            turn[name] = turn[self.parent[name]] @ frame_axes @ moved @ frame_axes.T
-            start[name] = end[self.parent[name]]
-            direction = np.array([float(part) for part in bone["direction"]])
-            end[name] = start[name] + turn[name] @ direction * float(bone["length"][0])
-        return start, end
-
-
-def slow_frame(lines: list[str], number: int) -> dict[str, list[float]]:
-    """The frame with this number, from 1."""
-    start = lines.index(str(number))
-    rows = itertools.takewhile(lambda line: not line.isdigit(), lines[start + 1 :])
-    return {row.split()[0]: [float(word) for word in row.split()[1:]] for row in rows}
 
 
 def assert_agrees_with_matrices(amc: Path, asf: Path, every: int) -> int:
@@ -329,89 +166,6 @@ def test_the_skeleton_is_found_by_name_or_alone_or_given(trial):
     asf.unlink()
     with pytest.raises(DataError, match=r"no skeleton beside it.*skeleton="):
         read_amc(stranger)
-
-
-AMC_FAULTS = {
-    "cut in a frame": (AMC[: AMC.rindex("thigh")], "ends without 2 of its bones", 11),
-    "cut in a row": (AMC[: AMC.rindex(" 9")], "2 values for 'thigh', expected 3", 12),
-    "bone lacks": (AMC.replace("back 5 -6\n", ""), r"frame 1 ends without 1.*\(back\)", 8),
-    "bone twice": (AMC.replace("shin -10", "back 1 2\nshin -10"), "'back' stands twice", 8),
-    "strange bone": (AMC.replace("back 5 -6", "tail 5 -6"), "'tail' is not in 07.asf", 6),
-    "not a number": (AMC.replace("5.5", "5,5"), "'5,5', expected a finite number", 11),
-    "NaN": (AMC.replace("5.5", "nan"), "'nan', expected a finite number", 11),
-    "overflow": (AMC.replace("5.5", "5e999"), "'5e999', expected a finite number", 11),
-    "underscore": (AMC.replace("5.5", "5_5"), "'5_5', expected a finite number", 11),
-    "frame lost": (AMC.replace("\n2\n", "\n3\n"), "frame 3, expected 2", 9),
-    "no frame number": (AMC.replace("\n1\n", "\n"), "'root', expected a frame number", 4),
-    "header only": (AMC[: AMC.index("1\n")], "no frames", None),
-    "empty": ("", "is empty", None),
-    "binary": ("\x00\x01" + AMC, "zero byte at position 0", None),
-}
-
-
-@pytest.mark.parametrize("fault", AMC_FAULTS)
-def test_a_damaged_motion_is_refused_with_line_and_reason(trial, fault):
-    text, message, line = AMC_FAULTS[fault]
-    trial.write_text(text)
-    with pytest.raises(DataError, match=message) as caught:
-        read_amc(trial)
-    assert caught.value.line == line
-    assert str(caught.value).startswith(str(trial))
-
-
-ASF_FAULTS = {
-    "no hierarchy": (ASF[: ASF.index(":hierarchy")], "no section ':hierarchy'", None),
-    "cut in a bone": (
-        ASF[: ASF.rindex("axis 15")] + ":hierarchy\nroot hip\n",
-        "bone data are cut off",
-        None,
-    ),
-    "bone without length": (ASF.replace("     length 7\n", ""), "'shin' has no 'length'", None),
-    "bone without name": (ASF.replace("     name hip\n", ""), "no 'name'", None),
-    "bone named twice": (
-        ASF.replace("name shin", "name thigh"),
-        "'thigh', expected one that no other",
-        37,
-    ),
-    "unknown child": (ASF.replace("thigh shin", "thigh foot"), "no bone is called 'foot'", 57),
-    "two parents": (ASF.replace("thigh shin", "thigh shin hip"), "'hip' has a second parent", 57),
-    "unconnected": (ASF.replace("    thigh shin\n", ""), r"does not connect \['shin'\]", None),
-    "circle": (
-        ASF.replace("root back hip", "root back").replace("thigh shin", "thigh shin hip"),
-        "does not connect",
-        None,
-    ),
-    "bad axis": (ASF.replace("30 XYZ", "30 XYY"), "axis order 'xyy'", 29),
-    "bad number": (ASF.replace("0.6 -0.8 0", "0.6 -0.8 up"), "'up', expected a finite", 20),
-    "too few numbers": (ASF.replace("0.6 -0.8 0", "0.6"), "1 values, expected 3", 20),
-    "stretching bone": (ASF.replace("dof rz rx", "dof rz l"), "slide or stretch", 50),
-    "dof twice": (ASF.replace("dof rz rx", "dof rz rz"), "at most once", 50),
-    "unit zero": (ASF.replace("length 0.45", "length 0"), "unit of length 0", 6),
-    "unit of angle": (ASF.replace("angle deg", "angle grad"), "'grad', expected deg or rad", 7),
-    "root without order": (ASF.replace("   order TX TY TZ RX RY RZ\n", ""), "no 'order'", None),
-    "empty": (" \n", "is empty", None),
-}
-
-
-@pytest.mark.parametrize("fault", ASF_FAULTS)
-def test_a_damaged_skeleton_is_refused_with_line_and_reason(trial, fault):
-    text, message, line = ASF_FAULTS[fault]
-    asf = trial.with_name("07.asf")
-    asf.write_text(text)
-    with pytest.raises(DataError, match=message) as caught:
-        read_asf(asf)
-    assert caught.value.line == line
-    assert caught.value.path == str(asf)
-
-
-def test_missing_files_and_folders_are_refused(tmp_path):
-    with pytest.raises(DataError, match="there is no such file"):
-        read_amc(tmp_path / "01_01.amc")
-    with pytest.raises(DataError, match="not a regular file"):
-        read_amc(tmp_path)
-    (tmp_path / "01_01.amc").write_text(AMC)
-    with pytest.raises(DataError, match="there is no such file"):
-        read_amc(tmp_path / "01_01.amc", tmp_path / "02.asf")
 
 
 @pytest.mark.data
