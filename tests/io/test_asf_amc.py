@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from tests.io.asf_amc_reference import AMC, ASF, SlowActor, slow_frame
 
 from posecast.errors import DataError
 from posecast.io.asf_amc import read_amc
 from posecast.skeleton import joint_positions
-from tests.io.asf_amc_reference import AMC, ASF, SlowActor, slow_frame
 
 
 @pytest.fixture

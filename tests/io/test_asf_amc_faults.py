@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from tests.io.asf_amc_reference import AMC, ASF
 
 from posecast.errors import DataError
 from posecast.io.asf import read_asf
 from posecast.io.asf_amc import read_amc
-from tests.io.asf_amc_reference import AMC, ASF
 
 
 @pytest.fixture
