@@ -15,8 +15,8 @@ from posecast.skeleton import (
     Skeleton,
     forward_kinematics,
     joint_positions,
-    level_products,
     local_to_root,
+    planes,
     root_to_local,
 )
 
@@ -87,7 +87,7 @@ def gradients(function, q: Tensor, offsets: Tensor, roots: Tensor, weights: Tens
 @pytest.mark.parametrize("bodies", BODIES)
 @pytest.mark.parametrize("tree", TREES)
 def test_gradients_are_those_of_a_loop_over_joints(tree, bodies, chunk, generator, monkeypatch):
-    monkeypatch.setattr(level_products, "CHUNK_ELEMENTS", chunk)
+    monkeypatch.setattr(planes, "CHUNK_ELEMENTS", chunk)
     skeleton = skeleton_of(tree)
     q = poses((4, 6), skeleton, generator)
     offsets = vectors(*BODIES[bodies], len(skeleton), generator=generator)
@@ -149,7 +149,7 @@ def test_chunks_change_nothing(count, generator, monkeypatch):
     offsets = vectors(count, len(skeleton), generator=generator)
     roots = vectors(count, generator=generator)
     whole = joint_positions(skeleton, q, offsets, roots)
-    monkeypatch.setattr(level_products, "CHUNK_ELEMENTS", 4 * len(skeleton))
+    monkeypatch.setattr(planes, "CHUNK_ELEMENTS", 4 * len(skeleton))
     exactly(joint_positions(skeleton, q, offsets, roots), whole)
     one_by_one = [joint_positions(skeleton, q[k], offsets[k], roots[k]) for k in range(count)]
     exactly(torch.stack(one_by_one), whole)
@@ -197,8 +197,10 @@ def test_local_and_root_relative_rotations_undo_each_other(tree, generator):
     exactly(local_to_root(skeleton, root_to_local(skeleton, q)), q)
 
 
+@pytest.mark.parametrize("chunk", [10**9, 10])
 @pytest.mark.parametrize("convert", [local_to_root, root_to_local])
-def test_conversions_of_rotations_have_their_full_gradient(convert, generator):
+def test_conversions_of_rotations_have_their_full_gradient(convert, chunk, generator, monkeypatch):
+    monkeypatch.setattr(planes, "CHUNK_ELEMENTS", chunk)
     skeleton = skeleton_of("forest")
     raw = torch.randn(2, len(skeleton), 4, dtype=torch.float64, generator=generator)
     assert torch.autograd.gradcheck(lambda x: convert(skeleton, x), (raw.requires_grad_(),))
@@ -280,6 +282,18 @@ def test_arguments_are_left_as_they_were(generator):
     gradients(lambda *x: joint_positions(skeleton, *x), *inputs, torch.ones(6, 14, 3).double())
     for before, after in zip(copies, inputs, strict=True):
         torch.testing.assert_close(after, before, atol=0, rtol=0)
+
+
+def test_a_plan_made_for_inference_serves_training(generator):
+    skeleton = Skeleton(("a", "b", "c"), (-1, 0, 1))
+    q = poses((2,), skeleton, generator)
+    with torch.inference_mode():
+        root_to_local(skeleton, q)
+        joint_positions(skeleton, q, torch.ones(3, 3, dtype=torch.float64))
+    q.requires_grad_()
+    root_to_local(skeleton, q).square().sum().backward()
+    joint_positions(skeleton, q, torch.ones(3, 3, dtype=torch.float64)).sum().backward()
+    assert q.grad.isfinite().all()
 
 
 def test_the_second_derivative_of_the_fast_positions_is_refused(generator):

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from posecast.errors import SkeletonError
 from posecast.geometry import quaternion
-from posecast.skeleton.level_products import JointPositions
+from posecast.skeleton.level_products import JointPositions, WorldRotations
 from posecast.skeleton.skeleton import Skeleton
 from posecast.skeleton.tree_plan import tree_plan
 
@@ -36,8 +36,8 @@ def forward_kinematics(
 ) -> World:
     """World positions and rotations of all joints.
 
-    Both results have a gradient with respect to everything, of any order. Where only positions
-    are wanted, ``joint_positions`` gives the same ones several times faster.
+    Gradients are those of ``joint_positions`` and ``local_to_root``. Ask for the positions alone
+    where the rotations are not needed.
 
     Args:
         skeleton: a forest; every root is at ``root_positions`` plus its own offset.
@@ -49,20 +49,10 @@ def forward_kinematics(
     Raises:
         SkeletonError: the number of joints is not that of the skeleton.
     """
-    rotations = local_to_root(skeleton, rotations_local)
-    _check_joints(skeleton, offsets.shape[-2])
-    plan = tree_plan(skeleton, rotations.device)
-    bodies = offsets.expand(*rotations.shape[:-1], 3).index_select(-2, plan.order)
-    turned = rotations.index_select(-2, plan.order)
-    placed = [bodies[..., : plan.roots, :]]
-    if root_positions is not None:
-        placed[0] = placed[0] + root_positions[..., None, :]
-    for joints, upper, places in plan.levels:
-        above = turned[..., upper, :].index_select(-2, places)
-        bones = quaternion.rotate(above, bodies[..., joints, :])
-        placed.append(placed[-1].index_select(-2, places) + bones)
-    positions = torch.cat(placed, dim=-2).index_select(-2, plan.places)
-    return World(positions, rotations)
+    return World(
+        positions=joint_positions(skeleton, rotations_local, offsets, root_positions),
+        rotations=local_to_root(skeleton, rotations_local),
+    )
 
 
 def joint_positions(
@@ -104,19 +94,16 @@ def local_to_root(
     """Root-relative rotations from those relative to the parent: products down the tree.
 
     A root's own rotation stays part of the chain, so with the root's rotation in the world
-    these are world rotations ("current" in Andreou et al. 2022).
+    these are world rotations ("current" in Andreou et al. 2022). The gradient is complete, also
+    for quaternions that are not unit; first derivatives only.
 
     Raises:
         SkeletonError: the number of joints is not that of the skeleton.
     """
     _check_joints(skeleton, rotations_local.shape[-2])
-    plan = tree_plan(skeleton, rotations_local.device)
-    local = rotations_local.index_select(-2, plan.order)
-    turned = [local[..., : plan.roots, :]]
-    for joints, _, places in plan.levels:
-        above = turned[-1].index_select(-2, places)
-        turned.append(quaternion.product(above, local[..., joints, :]))
-    return torch.cat(turned, dim=-2).index_select(-2, plan.places)
+    poses = rotations_local.reshape(-1, *rotations_local.shape[-2:])
+    world = WorldRotations.apply(tree_plan(skeleton, rotations_local.device), poses)
+    return world.reshape(rotations_local.shape)
 
 
 def root_to_local(

@@ -1,4 +1,4 @@
-"""Joint positions of many poses as few large operations, and their gradient from torques.
+"""Kinematics of many poses as few large operations, forwards and backwards.
 
 Poses are worked on in chunks that fit the processor's cache, as planes: one row for each joint
 and component, one column for each pose. Only the product of rotations needs a walk down the
@@ -8,8 +8,6 @@ chunks of a call share, because fresh memory costs more than the arithmetic.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator
 from typing import Any
 
 import torch
@@ -17,11 +15,8 @@ from jaxtyping import Float
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from posecast.skeleton.planes import add_product, cross, product, rotate
+from posecast.skeleton.planes import Scratch, add_product, cross, pieces, product, rotate
 from posecast.skeleton.tree_plan import TreePlan
-
-CHUNK_ELEMENTS = 70_000
-"""Poses times joints in a chunk: planes of one component then take 0.3 MB in float32."""
 
 
 class JointPositions(torch.autograd.Function):
@@ -47,9 +42,9 @@ class JointPositions(torch.autograd.Function):
     ) -> Float[Tensor, "poses joints 3"]:
         count, joints = rotations.shape[:2]
         positions = rotations.new_empty(count, joints, 3)
-        scratch = _Scratch(rotations)
+        scratch = Scratch(rotations)
         kept: list[Tensor] = []
-        for piece in _pieces(count, joints):
+        for piece in pieces(count, joints):
             poses = piece.stop - piece.start
             turned, bones = (4, plan.inner.shape[0], poses), (joints, 3, poses)
             if differentiate:
@@ -81,8 +76,8 @@ class JointPositions(torch.autograd.Function):
         count, joints = gradient.shape[:2]
         rotations = gradient.new_empty(count, joints, 4) if for_rotations else None
         offsets = gradient.new_zeros(ctx.offsets_shape) if for_offsets else None
-        scratch = _Scratch(gradient)
-        for number, piece in enumerate(_pieces(count, joints)):
+        scratch = Scratch(gradient)
+        for number, piece in enumerate(pieces(count, joints)):
             world, arms = kept[2 * number : 2 * number + 2]
             sums = scratch.planes("gradient", gradient[piece]).view(joints, 3, -1)
             sums = scratch.rows("sums", sums, plan.order)
@@ -100,48 +95,71 @@ class JointPositions(torch.autograd.Function):
         return None, rotations, offsets, roots, None
 
 
-class _Scratch:
-    """Named buffers of one call, made at first use and used again by every later chunk."""
+class WorldRotations(torch.autograd.Function):
+    """Products of rotations (B, J, 4) down the tree, and their full gradient, up the tree.
 
-    def __init__(self, like: Tensor) -> None:
-        self.like = like
-        self.buffers: dict[str, Tensor] = {}
+    With G_j = G_p q_j for parent p and g the gradient of the G, from the leaves upwards:
+    dL/dq_j = conj(G_p) g_j and g_p += g_j conj(q_j). Quaternions need not be unit.
+    """
 
-    def __call__(self, name: str, *shape: int) -> Tensor:
-        """An uninitialized tensor; it overwrites what the name stood for before."""
-        size = math.prod(shape)
-        buffer = self.buffers.get(name)
-        if buffer is None or buffer.shape[0] < size:
-            buffer = self.buffers[name] = self.like.new_empty(size)
-        return buffer[:size].view(shape)
+    @staticmethod
+    def forward(
+        ctx: Any, plan: TreePlan, rotations: Float[Tensor, "poses joints 4"]
+    ) -> Float[Tensor, "poses joints 4"]:
+        count, joints = rotations.shape[:2]
+        world = torch.empty_like(rotations, memory_format=torch.contiguous_format)
+        scratch = Scratch(rotations)
+        for piece in pieces(count, joints):
+            local = _ordered(plan, scratch, "local", rotations[piece])
+            turned = scratch("turned", *local.shape)
+            turned[:, : plan.roots] = local[:, : plan.roots]
+            for number, level in enumerate(plan.levels):
+                above = scratch.inner(f"above {number}", turned, level.rows)
+                product(above, local[:, level.joints], out=turned[:, level.joints])
+            whole = scratch.rows("whole", turned.flatten(0, 1), plan.own_rows)
+            world[piece].flatten(1).copy_(whole.t())
+        ctx.save_for_backward(rotations, world)
+        ctx.plan = plan
+        return world
 
-    def planes(self, name: str, poses: Tensor) -> Tensor:
-        """A row for each joint and component of (poses, J, parts): one 2-D transpose."""
-        flat = poses.flatten(1)
-        return self(name, flat.shape[1], flat.shape[0]).copy_(flat.t())
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, gradient: Tensor) -> tuple[None, Tensor]:
+        plan: TreePlan = ctx.plan
+        rotations, world = ctx.saved_tensors
+        count, joints = rotations.shape[:2]
+        result = torch.empty_like(rotations, memory_format=torch.contiguous_format)
+        scratch = Scratch(rotations)
+        for piece in pieces(count, joints):
+            inverse = _ordered(plan, scratch, "inverse", rotations[piece])
+            inverse[1:].neg_()
+            turned = _ordered(plan, scratch, "turned", world[piece])
+            pulled = _ordered(plan, scratch, "pulled", gradient[piece])
+            for number, level in reversed(list(enumerate(plan.levels))):
+                below = pulled[:, level.joints]
+                lifted = scratch(f"lifted {number}", *below.shape)
+                product(below, inverse[:, level.joints], out=lifted)
+                pulled.flatten(0, 1).index_add_(0, level.rows, lifted.flatten(0, 1))
+            local = scratch("local", *pulled.shape)
+            local[:, : plan.roots] = pulled[:, : plan.roots]
+            above = scratch.inner("above", turned, plan.above_rows)
+            product(above, pulled[:, plan.roots :], out=local[:, plan.roots :], sign=-1.0)
+            whole = scratch.rows("whole", local.flatten(0, 1), plan.own_rows)
+            result[piece].flatten(1).copy_(whole.t())
+        return None, result
 
-    def rows(self, name: str, table: Tensor, rows: Tensor) -> Tensor:
-        """Whole rows of a table, in the order asked for: faster than indexing a middle axis."""
-        result = self(name, rows.shape[0], *table.shape[1:])
-        return torch.index_select(table, 0, rows, out=result)
 
-    def inner(self, name: str, rotations: Tensor, rows: Tensor) -> Tensor:
-        """Planes (4, n, poses) of some inner joints from those of all, (4, K, poses)."""
-        chosen = self.rows(name, rotations.flatten(0, 1), rows)
-        return chosen.view(4, rows.shape[0] // 4, rotations.shape[-1])
-
-
-def _pieces(count: int, joints: int) -> Iterator[slice]:
-    """Chunks of poses of about equal length, the longest first."""
-    chunks = max(1, math.ceil(count * joints / CHUNK_ELEMENTS))
-    length = max(1, math.ceil(count / chunks))
-    for start in range(0, count, length):
-        yield slice(start, min(start + length, count))
+def _ordered(
+    plan: TreePlan, scratch: Scratch, name: str, rotations: Float[Tensor, "poses joints 4"]
+) -> Float[Tensor, "4 joints poses"]:
+    """Planes of quaternions in level order."""
+    planes = scratch.planes(f"{name} as they come", rotations)
+    return scratch.rows(name, planes, plan.order_rows).view(4, *rotations.shape[1::-1])
 
 
 def _world_rotations(
     plan: TreePlan,
-    scratch: _Scratch,
+    scratch: Scratch,
     rotations: Float[Tensor, "poses joints 4"],
     *,
     out: Float[Tensor, "4 inner poses"],
@@ -162,7 +180,7 @@ def _world_rotations(
 
 def _bones(
     plan: TreePlan,
-    scratch: _Scratch,
+    scratch: Scratch,
     world: Float[Tensor, "4 inner poses"],
     offsets: Float[Tensor, "bodies joints 3"],
     *,
@@ -172,7 +190,7 @@ def _bones(
     bodies = scratch.planes("bodies", offsets).view(*out.shape[:2], offsets.shape[0])
     bodies = scratch.rows("bodies in order", bodies, plan.order)
     out[: plan.roots] = bodies[: plan.roots]
-    above = scratch.inner("above", world, plan.above_rows)
+    above = scratch.inner("above", world, plan.hanging_above_rows)
     twice = scratch("twice", 3, *above.shape[1:])
     rotate(above, bodies[plan.roots :], twice=twice, out=out[plan.roots :])
 
@@ -185,7 +203,7 @@ def _sum_upwards(plan: TreePlan, values: Float[Tensor, "joints 3 poses"]) -> Non
 
 def _rotation_gradient(
     plan: TreePlan,
-    scratch: _Scratch,
+    scratch: Scratch,
     world: Float[Tensor, "4 inner poses"],
     arms: Float[Tensor, "joints 3 poses"],
     sums: Float[Tensor, "joints 3 poses"],
@@ -212,14 +230,14 @@ def _rotation_gradient(
 
 def _offset_gradient(
     plan: TreePlan,
-    scratch: _Scratch,
+    scratch: Scratch,
     world: Float[Tensor, "4 inner poses"],
     sums: Float[Tensor, "joints 3 poses"],
 ) -> Float[Tensor, "joints 3 poses"]:
     """Gradient of the offsets: the sums turned back into the frame of each joint's parent."""
     result = scratch("pulled", *sums.shape)
     result[: plan.roots] = sums[: plan.roots]
-    above = scratch.inner("above", world, plan.above_rows)
+    above = scratch.inner("above", world, plan.hanging_above_rows)
     above[1:].neg_()
     twice = scratch("twice", 3, *above.shape[1:])
     rotate(above, sums[plan.roots :], twice=twice, out=result[plan.roots :])

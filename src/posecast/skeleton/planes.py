@@ -1,13 +1,58 @@
 """Quaternion arithmetic on planes: one contiguous row of poses for each joint and component.
 
-The same formulas as ``geometry.quaternion``, in place and for the layout that the kernels of
+The same formulas as ``geometry.quaternion``, in place and for the layout that the functions of
 ``level_products`` use: quaternions (4, n, poses), vectors (n, 3, poses). No gradients here.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
+
 import torch
 from torch import Tensor
+
+CHUNK_ELEMENTS = 70_000
+"""Poses times joints in a chunk: planes of one component then take 0.3 MB in float32."""
+
+
+class Scratch:
+    """Named buffers of one call, made at first use and used again by every later chunk."""
+
+    def __init__(self, like: Tensor) -> None:
+        self.like = like
+        self.buffers: dict[str, Tensor] = {}
+
+    def __call__(self, name: str, *shape: int) -> Tensor:
+        """An uninitialized tensor; it overwrites what the name stood for before."""
+        size = math.prod(shape)
+        buffer = self.buffers.get(name)
+        if buffer is None or buffer.shape[0] < size:
+            buffer = self.buffers[name] = self.like.new_empty(size)
+        return buffer[:size].view(shape)
+
+    def planes(self, name: str, poses: Tensor) -> Tensor:
+        """A row for each joint and component of (poses, J, parts): one 2-D transpose."""
+        flat = poses.flatten(1)
+        return self(name, flat.shape[1], flat.shape[0]).copy_(flat.t())
+
+    def rows(self, name: str, table: Tensor, rows: Tensor) -> Tensor:
+        """Whole rows of a table, in the order asked for: faster than indexing a middle axis."""
+        result = self(name, rows.shape[0], *table.shape[1:])
+        return torch.index_select(table, 0, rows, out=result)
+
+    def inner(self, name: str, rotations: Tensor, rows: Tensor) -> Tensor:
+        """Planes (4, n, poses) of some inner joints from those of all, (4, K, poses)."""
+        chosen = self.rows(name, rotations.flatten(0, 1), rows)
+        return chosen.view(4, rows.shape[0] // 4, rotations.shape[-1])
+
+
+def pieces(count: int, joints: int) -> Iterator[slice]:
+    """Chunks of poses of about equal length, the longest first."""
+    chunks = max(1, math.ceil(count * joints / CHUNK_ELEMENTS))
+    length = max(1, math.ceil(count / chunks))
+    for start in range(0, count, length):
+        yield slice(start, min(start + length, count))
 
 
 def product(left: Tensor, right: Tensor, *, out: Tensor, sign: float = 1.0) -> None:
