@@ -30,7 +30,8 @@ def _change(forecaster: Forecaster, generator: torch.Generator) -> float:
     """Mean change of the features over ten frames of rollout."""
     rotations = quaternion.normalize(torch.randn(4, 5, 3, 4, generator=generator))
     prefix = torch.cat([rotations.flatten(-2), torch.rand(4, 5, 3, generator=generator)], dim=-1)
-    predicted = rollout(forecaster, prefix, 10).features
+    with torch.no_grad():
+        predicted = rollout(forecaster, prefix, 10).features
     return float((predicted - prefix[:, -1:]).abs().mean())
 
 
