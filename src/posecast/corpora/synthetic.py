@@ -59,9 +59,10 @@ def synthetic(
     Labels: ``action`` (walk, turn, jog, run, start-stop, speed-change), ``gait`` (walk, jog, run,
     mixed), ``path``, ``style``, ``body``, ``subject``. Tracks, one value a frame:
 
-    - ``phase``: radians, growing by pi with each step: 0 modulo 2 pi when the right foot is
-      planted, pi when the left one is, linear in between, constant while standing still;
-    - ``contacts``: left and right, whether the ball of the foot is planted;
+    - ``phase``: radians, growing by pi with each step: 0 modulo 2 pi when the right foot touches
+      down, pi when the left one does, linear in between, constant while standing still;
+    - ``contacts``: left and right, whether the ball of the foot is planted; in walking the heel
+      touches down first, a twelfth of a cycle earlier;
     - ``speed``: m/s along the path, without the surge within each step;
     - ``facing``: unit vector (x, z), without the turning of the pelvis within each step;
     - ``path``: (x, z) of the path at the body, metres: the hips sway about it.
@@ -157,13 +158,18 @@ def _cast(index: int, seed: int) -> _Role:
     act, draw = REPERTOIRE[index % len(REPERTOIRE)], _stream(seed, index, 0)
     deal, place = divmod(index, len(CAST))
     subject = int(_stream(seed, _DECK, deal).permutation(len(CAST))[place])
-    reserved = reserved_style(subject)
-    if split_of(index) == "test" and reserved in act.styles:
-        style = str(reserved)
-    else:
-        style = str(draw.choice([style for style in act.styles if style != reserved]))
+    style = _style(index, seed, act, reserved_style(subject))
     manner = personal(style, _stream(seed, _PERSON, subject), draw)
     return _Role(act, str(draw.choice(act.paths)), subject, style, manner)
+
+
+def _style(index: int, seed: int, act: Act, reserved: str | None) -> str:
+    """The reserved style if this is for testing; else the next one of a shuffled deck."""
+    if split_of(index) == "test" and reserved in act.styles:
+        return str(reserved)
+    slot, (deal, place) = index % len(REPERTOIRE), divmod(index // len(REPERTOIRE), len(act.styles))
+    deck = [str(style) for style in _stream(seed, _DECK, slot, deal).permutation(act.styles)]
+    return deck[place] if deck[place] != reserved else deck[place - 1]
 
 
 def _plan_journey(role: _Role, seconds: float, draw: np.random.Generator) -> Journey:
@@ -204,11 +210,11 @@ def _tracks(performance: Performance, times: Float[ndarray, " times"]) -> dict[s
 
 
 def _phase(performance: Performance, times: Float[ndarray, " times"]) -> Float[ndarray, " times"]:
-    """Place in the walk cycle, radians: linear from one planting to the next, held at rest."""
-    planted, numbers = performance.footfalls.planted, performance.rhythm.numbers
+    """Place in the walk cycle, radians: linear between touch-downs, held at rest."""
+    touchdowns, numbers = performance.rhythm.touchdowns, performance.rhythm.numbers
     departures = np.array([end for _, end in performance.journey.rests if end < np.inf])
-    standing = np.searchsorted(planted, departures, side="right") - 1
-    knots = np.concatenate([planted, departures])
+    standing = np.searchsorted(touchdowns, departures, side="right") - 1
+    knots = np.concatenate([touchdowns, departures])
     order = np.argsort(knots, kind="stable")
     steps = np.concatenate([numbers, numbers[standing]])
     return np.interp(times, knots[order], np.pi * steps[order])

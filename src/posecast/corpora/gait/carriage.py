@@ -178,7 +178,7 @@ def _root(
     sway = body.size * (drift - 0.024 * manner.sway * cue.load)
     stride = journey.speed.values / np.maximum(rhythm.rate, 1.0)
     wave = np.sin(2 * np.pi * (rhythm.count - duty(rhythm.froude)))
-    surge = -0.016 * np.minimum(stride, body.leg) * wave
+    surge = -0.016 * (1 - 0.65 * cue.running) * np.minimum(stride, body.leg) * wave
     floor = journey.path.at(journey.distance.values).position
     floor = floor + sway[:, None] * leftwards + surge[:, None] * ahead
     height = _height(rhythm, journey.speed.values, body, manner)

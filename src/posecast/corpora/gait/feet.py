@@ -63,7 +63,7 @@ def move_foot(
     swing = footfalls.touchdown[there] - lifted
     u = (times - lifted) / swing
     pitch, bend = _roll(times, u, footfalls, here, there)
-    weight = np.where(standing, 0.0, glide(u, 0.14, 0.26 - 0.16 * footfalls.running[there]))
+    weight = np.where(standing, 0.0, glide(u, 0.14, 0.16 - 0.06 * footfalls.running[there]))
     yaw = footfalls.yaw[here] + step(u) * (footfalls.yaw[there] - footfalls.yaw[here])
 
     ball, ball_depth, heel, heel_depth = _sole(pitch, body)

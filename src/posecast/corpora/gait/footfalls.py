@@ -48,7 +48,6 @@ class Footfalls:
         strike: pitch of the foot at touch-down, toes up, radians.
         push: pitch at lift-off, heel up, radians.
         running: 0 in walking, 1 in running.
-        moment: when the body passes over the foot, seconds.
     """
 
     left: Bool[ndarray, " steps"]
@@ -61,7 +60,6 @@ class Footfalls:
     strike: Float[ndarray, " steps"]
     push: Float[ndarray, " steps"]
     running: Float[ndarray, " steps"]
-    moment: Float[ndarray, " steps"]
 
 
 def plan_footfalls(
@@ -77,41 +75,23 @@ def plan_footfalls(
         generator: draws how far each foot lands from where it should, millimetres and degrees.
     """
     down, left = rhythm.touchdowns, rhythm.numbers % 2 == 1
-    froude = np.interp(down, journey.times, rhythm.froude)
-    liftoff = _liftoffs(rhythm, body, froude)
+    liftoff = _liftoffs(journey, rhythm, body)
     moment = (down + liftoff) / 2
     for begin, end in journey.rests:
         through = (down <= begin) & (liftoff >= end)
         moment = np.where(through, np.clip(moment, begin, end), moment)
-    distance = np.clip(
-        journey.distance(moment),
-        journey.distance(liftoff) - FARTHEST * body.leg,
-        journey.distance(down) + FARTHEST * body.leg,
-    )
-    place = journey.path.at(distance)
-    speed = journey.speed(moment)
-    froude = np.interp(moment, journey.times, rhythm.froude)
-    share = running(froude)
-
-    side = np.where(left, 1, -1)
-    jitter = manner.restlessness * generator.normal(0, [0.007, 0.005, 0.020], (len(down), 3))
-    spread = 0.20 - 0.085 * step(froude / 0.25)
-    spread = ((1 - share) * spread + share * 0.055) * manner.width * body.leg
-    sideways = side * spread / 2 - lean_shift(place.curvature, speed, body)
-    sideways = sideways + body.size * jitter[:, 1]
-    yaw = place.heading + side * manner.toe_out * (1 - 0.5 * share) + jitter[:, 2]
-    over = BODY_OVER[0] + share * (BODY_OVER[1] - BODY_OVER[0])
-    ahead, leftwards = directions(place.heading)
-    under = place.position + sideways[:, None] * leftwards + body.size * jitter[:, :1] * ahead
-    ball = under + (1 - over)[:, None] * body.ball_ahead * directions(yaw)[0]
+    farthest = FARTHEST * body.leg
+    distance = np.minimum(journey.distance(moment), journey.distance(down) + farthest)
+    liftoff = np.minimum(liftoff, _passing(journey, distance + 1.1 * farthest))
+    share = running(np.interp(moment, journey.times, rhythm.froude))
+    ball, yaw = _spots(journey, rhythm, distance, moment, left, body, manner, generator)
 
     stance = np.minimum(liftoff - down, 1.2 * np.sqrt(body.size))
     double = np.append(np.inf, liftoff[:-1]) - down
     rocker = np.where(double > 0, np.minimum(0.14 * stance, 0.8 * double), 0.10 * stance)
+    rocker = np.minimum(rocker, 0.19 * np.append(np.diff(down), np.inf))
     rise = np.minimum((0.45 + 0.15 * share) * (liftoff - down), 0.32 * np.sqrt(body.size))
-    left_behind = np.interp(
-        distance + HEEL_FOLLOWS * body.leg, journey.distance.values, journey.times, right=np.inf
-    )
+    left_behind = _passing(journey, distance + HEEL_FOLLOWS * body.leg)
     rising = np.maximum(np.minimum(liftoff - rise, left_behind), down + 1.2 * rocker)
     stepped = np.diff(distance, prepend=distance[0]) / (0.85 * body.leg)
     strike = manner.strike * np.clip(stepped, 0.1, 1.15) * (1 - 0.65 * share)
@@ -127,26 +107,52 @@ def plan_footfalls(
         strike=np.minimum(strike, FASTEST_SLAP * rocker),
         push=(1.0 - 0.1 * share) * manner.push * np.clip(strode, 0.15, 1.3) ** 0.5,
         running=share,
-        moment=moment,
     )
 
 
-def _liftoffs(
-    rhythm: Rhythm, body: Body, froude: Float[ndarray, " steps"]
-) -> Float[ndarray, " steps"]:
+def _liftoffs(journey: Journey, rhythm: Rhythm, body: Body) -> Float[ndarray, " steps"]:
     """When each foot leaves the floor: as long before it lands again as a swing takes."""
     down = rhythm.touchdowns
-    middle = froude[1:-1]
-    swing = np.minimum(
-        (1 - duty(middle)) * (down[2:] - down[:-2]), LONGEST_SWING * np.sqrt(body.size)
-    )
-    step_time = down[2:] - down[1:-1]
-    walking = running(middle) < 0.5
-    swing = np.where(walking, np.minimum(swing, 0.90 * step_time), swing)
+    froude = np.interp(down[1:-1], journey.times, rhythm.froude)
+    swing = (1 - duty(froude)) * (down[2:] - down[:-2])
+    swing = np.minimum(swing, LONGEST_SWING * np.sqrt(body.size))
+    alone = 0.90 * (down[2:] - down[1:-1])
+    swing = np.where(running(froude) < 0.5, np.minimum(swing, alone), swing)
     return np.append(down[2:] - swing, [FOREVER, FOREVER])
 
 
-def lean_shift(
+def _passing(journey: Journey, distance: Float[ndarray, " steps"]) -> Float[ndarray, " steps"]:
+    """When the body comes by, seconds; infinite if it does not."""
+    return np.interp(distance, journey.distance.values, journey.times, right=np.inf)
+
+
+def _spots(
+    journey: Journey,
+    rhythm: Rhythm,
+    distance: Float[ndarray, " steps"],
+    moment: Float[ndarray, " steps"],
+    left: Bool[ndarray, " steps"],
+    body: Body,
+    manner: Manner,
+    generator: np.random.Generator,
+) -> tuple[Float[ndarray, "steps 2"], Float[ndarray, " steps"]]:
+    """Where the ball of each foot is planted, and in which direction the foot points."""
+    froude = np.interp(moment, journey.times, rhythm.froude)
+    share, side = running(froude), np.where(left, 1, -1)
+    place = journey.path.at(distance)
+    jitter = manner.restlessness * generator.normal(0, [0.007, 0.005, 0.020], (len(left), 3))
+    spread = 0.20 - 0.085 * step(froude / 0.25)
+    spread = ((1 - share) * spread + share * 0.055) * manner.width * body.leg
+    sideways = side * spread / 2 - _lean_shift(place.curvature, journey.speed(moment), body)
+    sideways = sideways + body.size * jitter[:, 1]
+    yaw = place.heading + side * manner.toe_out * (1 - 0.5 * share) + jitter[:, 2]
+    over = BODY_OVER[0] + share * (BODY_OVER[1] - BODY_OVER[0])
+    ahead, leftwards = directions(place.heading)
+    under = place.position + sideways[:, None] * leftwards + body.size * jitter[:, :1] * ahead
+    return under + (1 - over)[:, None] * body.ball_ahead * directions(yaw)[0], yaw
+
+
+def _lean_shift(
     curvature: Float[ndarray, " places"], speed: Float[ndarray, " places"], body: Body
 ) -> Float[ndarray, " places"]:
     """How far the hips are inside of the feet in a curve, metres; positive to the left."""
