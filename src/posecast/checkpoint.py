@@ -56,6 +56,7 @@ def save_checkpoint(checkpoint: Checkpoint, folder: Path) -> None:
     Raises:
         DataError: the folder cannot be written, or holds something that is not a checkpoint.
     """
+    folder = folder.absolute()
     foreign = folder.exists() and not is_checkpoint(folder)
     if foreign and (not folder.is_dir() or any(folder.iterdir())):
         raise DataError(
@@ -105,6 +106,7 @@ def load_checkpoint(folder: Path) -> Checkpoint:
     Raises:
         DataError: not a checkpoint, a damaged one, or one of a newer format.
     """
+    folder = folder.absolute()
     if not is_checkpoint(folder):
         previous = _previous(folder)
         if not is_checkpoint(previous):

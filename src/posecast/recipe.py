@@ -19,7 +19,7 @@ from posecast.config import (
     pick_kind,
     read_yaml,
 )
-from posecast.corpora import CORPORA, build_corpus
+from posecast.corpora import COMMON, CORPORA, build_corpus
 from posecast.corpora.gait.body import SKELETON
 from posecast.errors import ConfigError
 from posecast.evaluation.protocol import PROTOCOLS, Protocol
@@ -38,7 +38,6 @@ TEXTS = ("name", "summary", "source", "expect")
 SECTIONS = ("fps", "corpus", "representation", "codec", "model", "training", "protocol")
 MODEL_PARTS = ("backbone", "head", "controls")
 TRAINING_PARTS = ("feed", "objective", "sampling")
-CORPUS_PROVIDED = ("root", "fps", "cache", "progress")
 
 CORPUS_SKELETONS: Mapping[str, Callable[[], Skeleton]] = {
     "h36m": lambda: named_skeleton("h36m-32").skeleton,
@@ -75,7 +74,7 @@ class Recipe:
             raise ConfigError(
                 f"{self.name}.fps: found {config['fps']!r}, expected a positive number"
             )
-        self._check_kind(CORPORA, "corpus", CORPUS_PROVIDED)
+        self._check_kind(CORPORA, "corpus", COMMON)
         self._check_kind(REPRESENTATIONS, "representation", ("skeleton",))
         self._check_kind(PROTOCOLS, "protocol")
         check_call(
@@ -155,7 +154,7 @@ class Recipe:
         """
         options = dict(self.config["corpus"])
         return build_corpus(
-            options.pop("kind"), root=root, fps=self.fps, cache=cache, **options
+            options.pop("kind"), root=root, fps=self.fps, cache=cache, progress=progress, **options
         )
 
     def build_codec(self, skeleton: Skeleton, statistics: Statistics | None = None) -> Codec:

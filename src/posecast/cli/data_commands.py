@@ -83,7 +83,7 @@ def doctor(
     if as_json:
         print_json(report.to_json())
     else:
-        typer.echo(report.to_text())
+        typer.echo(report.text())
 
 
 def view(

@@ -24,7 +24,7 @@ app = typer.Typer(
 )
 
 
-def _print_version(wanted: bool) -> None:
+def _print_version(wanted: bool | None) -> None:
     if wanted:
         typer.echo(f"posecast {__version__}")
         raise typer.Exit
@@ -33,11 +33,11 @@ def _print_version(wanted: bool) -> None:
 @app.callback()
 def _common(
     version: Annotated[
-        bool,
+        bool | None,
         typer.Option(
             "--version", callback=_print_version, is_eager=True, help="Say which version."
         ),
-    ] = False,
+    ] = None,
 ) -> None:
     """Modelling human motion: read motion capture, forecast the next poses, compare systems."""
 

@@ -23,12 +23,17 @@ CORPORA: dict[str, Callable[..., Corpus]] = {
 }
 
 
+COMMON = ("root", "fps", "cache", "progress")
+"""What every corpus may be given, whether or not it has a use for it."""
+
+
 def build_corpus(
     kind: str,
     *,
     root: Path | str | None = None,
     fps: float | int | None = None,
     cache: Path | str | Literal[False] | None = None,
+    progress: Callable[[int, int], None] | None = None,
     **options: Any,
 ) -> Corpus:
     """Build a corpus by name.
@@ -39,6 +44,7 @@ def build_corpus(
         fps: frames per second; by default what is usual for the corpus.
         cache: where parsed files are kept: a folder, ``None`` for ``~/.cache/posecast`` (or below
             ``$XDG_CACHE_HOME``), ``False`` for nowhere.
+        progress: called with files read and files in all, by a corpus that reads files.
         options: further arguments of that corpus, such as ``validation="11"`` of ``h36m``.
 
     Raises:
@@ -51,15 +57,19 @@ def build_corpus(
     parameters = inspect.signature(build).parameters
     for option in options:
         if option not in parameters:
-            known = [name for name in parameters if name not in ("root", "fps", "cache")]
+            known = [name for name in parameters if name not in COMMON]
             raise ConfigError(
                 f"corpus {kind!r}: unknown option {option!r}; {did_you_mean(option, known)}"
             )
-    common = {"root": root, "fps": fps, "cache": cache}
-    given = {name: value for name, value in common.items() if value is not None}
+    common = dict(zip(COMMON, (root, fps, cache, progress), strict=True))
+    given = {
+        name: value
+        for name, value in common.items()
+        if value is not None and name in parameters  # nothing to cache or wait for: not a mistake
+    }
     if root is None and parameters["root"].default is inspect.Parameter.empty:
         raise ConfigError(f"corpus {kind!r} is read from files: give root, the folder they are in")
     return build(**given, **options)
 
 
-__all__ = ["CORPORA", "build_corpus"]
+__all__ = ["COMMON", "CORPORA", "build_corpus"]
