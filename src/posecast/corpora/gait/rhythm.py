@@ -92,7 +92,7 @@ def keep_rhythm(journey: Journey, body: Body, manner: Manner, *, first: int, par
     longest = (LONGEST[0] + share * (LONGEST[1] - LONGEST[0])) * body.leg
     rate = np.maximum(rate, journey.speed.values / longest)
     count = np.full_like(times, first)
-    numbers, touchdowns = [first - 1, first], [-FOREVER, -FOREVER]
+    numbers, touchdowns = [first - 1, first], [-FOREVER - 1, -FOREVER]
     for begin, end in _stretches(journey):
         moving = slice(int(np.searchsorted(times, begin)), int(np.searchsorted(times, end)) + 1)
         taken = np.concatenate([[0.0], np.cumsum((rate[moving][1:] + rate[moving][:-1]) / 2)])
