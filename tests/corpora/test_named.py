@@ -80,7 +80,7 @@ def test_salsa_is_split_as_in_its_paper_at_its_true_rate_without_the_t_pose(
     assert "61/61_15.bvh" in corpus.missing
     rotations = corpus.split("test")[0].rotations_local
     assert rotations[0, 1:, 0].abs().min() < 0.9999, "the T pose is gone"
-    both = build_corpus("cmu-salsa", root=root, subjects=["61", "60"], cache=False)
+    both = build_corpus("cmu-salsa", root=root, subjects=[61, "60"], cache=False)
     added = set(files_of(both, "train")) - set(files_of(corpus, "train"))
     assert added == {"60/60_01.bvh:0", "60/60_01.bvh:1", "60/60_12.bvh:0", "60/60_12.bvh:1"}
     assert files_of(both, "validation") == ["61/61_13.bvh:0"]

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from posecast.corpora.loading import Cache, Progress, check_root, find, load
+from posecast.corpora.loading import Cache, Progress, check_root, find, load, prepare
 from posecast.corpora.splitting import Globs, choose_splits, split_clips
 from posecast.errors import DataError
 from posecast.io.amass import is_amass, read_amass
 from posecast.io.arrays import array_names
-from posecast.motion import Clip, Corpus, resample
+from posecast.motion import Clip, Corpus
 
 SUBSETS: Mapping[str, tuple[str, ...]] = {
     "validation": ("humaneva", "heva", "hdm05", "mpihdm05", "sfu", "mosh", "mpimosh"),
@@ -129,5 +128,5 @@ def subset_split(name: str, top: str = "") -> tuple[str, str]:
 def _read(file: Path, *, root: str, fps: float, template: str | None) -> tuple[Clip, ...]:
     clip = read_amass(file, template=template)
     name = file.relative_to(root).as_posix()
-    labels = {"subset": subset_split(name, Path(root).name)[0], "subject": file.parent.name}
-    return resample(replace(clip, labels={**clip.labels, **labels, "file": name}), fps)
+    subset = subset_split(name, Path(root).name)[0]
+    return prepare(clip, fps, subset=subset, subject=file.parent.name, file=name)

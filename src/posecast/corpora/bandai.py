@@ -5,15 +5,14 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterable
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from posecast.corpora.loading import Cache, Progress, check_root, find, load
+from posecast.corpora.loading import Cache, Progress, check_root, find, load, prepare
 from posecast.corpora.splitting import split_clips, tenths
 from posecast.errors import DataError
 from posecast.io.bvh import read_bvh
-from posecast.motion import Clip, Corpus, drop_joints, resample
+from posecast.motion import Clip, Corpus, drop_joints
 
 PATTERN = r"dataset-[12]_[a-z-]+_[a-z-]+_\d+\.bvh"
 ROOT_JOINT = "joint_Root"
@@ -76,16 +75,10 @@ def bandai_locomotion(
 def _read(file: Path, *, fps: float) -> tuple[Clip, ...]:
     clip = read_bvh(file, unit=0.01, up="y")
     _, content, style, number = re.split("[_.]", file.name)[:4]
-    labels = {
-        "content": content,
-        "style": style,
-        "action": content,
-        "number": number,
-        "file": file.name.lower(),
-    }
     if ROOT_JOINT in clip.skeleton.names:
         clip = drop_joints(clip, [ROOT_JOINT], moving="mean")
-    return resample(replace(clip, labels=labels), fps)
+    named = {"content": content, "style": style, "number": number, "file": file.name.lower()}
+    return prepare(clip, fps, action=content, **named)
 
 
 def file_splits(names: Iterable[str]) -> dict[str, str]:

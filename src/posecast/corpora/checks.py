@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 
 from posecast.corpora import h36m, symptoms
-from posecast.corpora.findings import Evidence, Finding, Severity
+from posecast.corpora.findings import Evidence, Finding, Severity, some
 
 
 def _unreadable(evidence: Evidence) -> Iterator[Finding]:
@@ -19,14 +19,14 @@ def _unreadable(evidence: Evidence) -> Iterator[Finding]:
 
 def _duplicates(evidence: Evidence) -> Iterator[Finding]:
     by_digest: dict[str, list[str]] = {}
-    for fact in evidence.facts:
+    for fact in evidence.readable:
         if fact.digest:
             by_digest.setdefault(fact.digest, []).append(fact.name)
     for names in by_digest.values():
         if len(names) < 2:
             continue
         purposes = {evidence.splits.get(name) for name in names} - {None}
-        uses = ", ".join(f"{name} ({evidence.splits.get(name) or 'unused'})" for name in names)
+        uses = some([f"{name} ({evidence.splits.get(name) or 'unused'})" for name in names])
         severity: Severity = "error"
         remedy = "keep one, or results on test files say nothing"
         if len(purposes) < 2:

@@ -9,13 +9,13 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from posecast.corpora.loading import Cache, Progress, check_root, find, load
+from posecast.corpora.loading import Cache, Progress, check_root, find, load, prepare
 from posecast.corpora.splitting import split_clips
 from posecast.errors import ConfigError, DataError
 from posecast.geometry import quaternion
 from posecast.io.asf_amc import read_amc
 from posecast.io.bvh import read_bvh
-from posecast.motion import Clip, Corpus, resample
+from posecast.motion import Clip, Corpus
 
 CREDIT = (
     "The data are from mocap.cs.cmu.edu, created with funding from NSF EIA-0196217; free for "
@@ -53,7 +53,7 @@ def cmu_salsa(
     *,
     fps: float | int | None = None,
     cache: Cache = None,
-    subjects: Collection[str] = ("61",),
+    subjects: Collection[str | int] = ("61",),
     progress: Progress | None = None,
     workers: int = 0,
 ) -> Corpus:
@@ -77,12 +77,15 @@ def cmu_salsa(
         ConfigError: subjects other than 60 and 61, or without 61.
         DataError: no file of the corpus is there, or one cannot be read.
     """
-    if not set(subjects) <= {"60", "61"} or "61" not in subjects:
+    chosen_subjects = {str(subject) for subject in subjects}
+    if not chosen_subjects <= {"60", "61"} or "61" not in chosen_subjects:
         raise ConfigError(
-            f"cmu-salsa: subjects {', '.join(subjects)}; expected 61 (the split is that of its "
-            "trials), and 60 if wanted for training"
+            f"cmu-salsa: subjects {', '.join(sorted(chosen_subjects))}; expected 61 (the split is "
+            "that of its trials), and 60 if wanted for training"
         )
-    names = [name for name in SALSA_FILES if salsa_splits([name])[name] and name[:2] in subjects]
+    names = [
+        name for name in SALSA_FILES if salsa_splits([name])[name] and name[:2] in chosen_subjects
+    ]
     files = _by_usual_name(check_root(root), SALSA_PATTERN, names, "61/61_01.bvh")
     read = partial(_read_salsa, fps=30.0 if fps is None else float(fps))
     loaded = load(list(files.values()), read, cache=cache, progress=progress, workers=workers)
@@ -197,8 +200,8 @@ def _read_salsa(file: Path, *, fps: float) -> tuple[Clip, ...]:
     if clip.frames > 1 and is_t_pose(clip):
         clip = clip.cut(1, clip.frames)
     subject, trial = re.split("[_.]", file.name)[:2]
-    labels = {"subject": subject, "trial": trial, "action": "salsa", "file": usual_name(file)}
-    return resample(replace(clip, labels=labels), fps)
+    named = {"subject": subject, "trial": trial, "file": usual_name(file)}
+    return prepare(clip, fps, action="salsa", **named)
 
 
 def is_t_pose(clip: Clip) -> bool:
@@ -216,5 +219,5 @@ def _read_trial(file: Path, *, fps: float) -> tuple[Clip, ...]:
     clip = read_amc(file)
     subject, trial = re.split("[_.]", file.name)[:2]
     action = _ASF_ACTIONS[subject][int(trial) - 1]
-    labels = {"subject": subject, "trial": trial, "action": action, "file": usual_name(file)}
-    return resample(replace(clip, labels=labels), fps)
+    named = {"subject": subject, "trial": trial, "file": usual_name(file)}
+    return prepare(clip, fps, action=action, **named)

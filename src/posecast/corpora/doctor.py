@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import re
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
@@ -98,13 +98,28 @@ class Report:
             facts.append(f"reaches {self.height:.2f} m high")
         if facts:
             lines.append(f"  {', '.join(facts)}")
-        for finding in self.findings:
+        for finding in self._shown():
             where = f" [{_listed(finding.files)}]" if finding.files else ""
             lines.append(f"  {finding.severity}: {finding.message}{where}")
             lines.append(f"    -> {finding.remedy}")
         if not self.findings:
             lines.append("  nothing looks wrong")
         return "\n".join(lines)
+
+    def _shown(self) -> Iterator[Finding]:
+        """All findings; of a kind that fills the page the first few and one for the rest."""
+        seen: Counter[str] = Counter()
+        for finding in self.findings:
+            seen[finding.problem] += 1
+            if seen[finding.problem] <= _SHOWN:
+                yield finding
+            elif seen[finding.problem] == _SHOWN + 1:
+                alike = [other for other in self.findings if other.problem == finding.problem]
+                yield dataclasses.replace(
+                    finding,
+                    message=f"{finding.problem}: {len(alike) - _SHOWN} more like these",
+                    files=tuple(file for other in alike[_SHOWN:] for file in other.files),
+                )
 
 
 def examine(path: Path | str, *, progress: Progress | None = None) -> Report:

@@ -144,9 +144,10 @@ def _measure(name: str, digest: str, clip: Clip, format: Format) -> Facts:
     if in_space:
         frames = torch.linspace(0, clip.frames - 1, min(clip.frames, _SAMPLED_FRAMES)).long()
         places = _positions(clip, frames)
-        extent = places[..., 1].amax(-1) - places[..., 1].amin(-1)
-        height = float(extent.quantile(0.9))
-        up = layout.up if layout else guess_up(places)
+        up = guess_up(places)
+        along = places[..., 1 if layout else "xyz".index(up)]
+        height = float((along.amax(-1) - along.amin(-1)).quantile(0.9))
+        up = layout.up if layout else up
         swings = swing_times(clip, places, height)
     moved = clip.translations_local
     lengths = (clip.offsets if moved is None else moved).norm(dim=-1)

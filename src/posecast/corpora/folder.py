@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Literal
 
-from posecast.corpora.loading import Cache, Progress, check_root, find, load
+from posecast.corpora.loading import Cache, Progress, check_root, find, load, prepare
 from posecast.corpora.splitting import SPLITS_FILE, Globs, choose_splits, split_clips, tenths
 from posecast.errors import ConfigError, DataError, SkeletonError
 from posecast.io.bvh import read_bvh
-from posecast.motion import Clip, Corpus, resample
+from posecast.motion import Clip, Corpus
 
 _RATE_TOLERANCE = 1e-3
 _NAMED = 5
@@ -115,7 +114,7 @@ def _read(
     labels = {"file": name.as_posix()}
     if name.parent.name:
         labels["folder"] = name.parent.name
-    return resample(replace(clip, labels={**clip.labels, **labels}), fps)
+    return prepare(clip, fps, **labels)
 
 
 def _check_topologies(clips: Sequence[Clip]) -> None:

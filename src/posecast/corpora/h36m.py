@@ -5,16 +5,15 @@ from __future__ import annotations
 import filecmp
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Literal
 
-from posecast.corpora.loading import Cache, Progress, check_root, find, load
+from posecast.corpora.loading import Cache, Progress, check_root, find, load, prepare
 from posecast.corpora.splitting import split_clips
 from posecast.errors import DataError
 from posecast.io.h36m import read_h36m
-from posecast.motion import Clip, Corpus, resample
+from posecast.motion import Clip, Corpus
 
 ACTIONS = (
     "walking",
@@ -72,7 +71,7 @@ def h36m(
     fps: float | int | None = None,
     cache: Cache = None,
     trajectory: Literal["increments", "world"] = "increments",
-    validation: Literal["6", "11"] | None = None,
+    validation: Literal["6", "11", 6, 11] | None = None,
     copies: Literal["drop", "keep"] = "drop",
     check_lengths: bool = True,
     progress: Progress | None = None,
@@ -124,7 +123,7 @@ def h36m(
     return Corpus("h36m", clips, by_split, missing, tuple(notes))
 
 
-def file_splits(names: Iterable[str], validation: str | None = None) -> dict[str, str]:
+def file_splits(names: Iterable[str], validation: str | int | None = None) -> dict[str, str]:
     """What each recording is for, by its subject; see ``h36m``."""
     by_subject = {TEST_SUBJECT: "test", f"S{validation}": "validation"}
     return {name: by_subject.get(name.split("/")[0], "train") for name in names}
@@ -180,7 +179,7 @@ def _read(
     file: Path, *, fps: float, trajectory: Literal["increments", "world"]
 ) -> tuple[Clip, ...]:
     clip = read_h36m(file, root=trajectory)
-    return resample(replace(clip, labels={**clip.labels, "file": usual_name(file)}), fps)
+    return prepare(clip, fps, file=usual_name(file))
 
 
 def _too_short(clips: Sequence[Clip]) -> tuple[str, ...]:

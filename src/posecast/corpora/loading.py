@@ -16,7 +16,7 @@ import torch
 from torch import Tensor
 
 from posecast.errors import DataError
-from posecast.motion import Clip, Store
+from posecast.motion import Clip, Store, resample, unroll
 from posecast.motion.cache import cached, default_folder, fingerprint
 from posecast.motion.store import pack
 
@@ -110,6 +110,15 @@ def load(
             ) from error
         note = f"Parsed clips are not kept: {folder} cannot be written ({reason})."
         return Loaded([_in_memory(clip) for clip in build(None)], (note,))
+
+
+def prepare(clip: Clip, fps: float, **labels: str) -> tuple[Clip, ...]:
+    """A clip as corpora hold it: labeled, signs continuous in time, at the rate wanted.
+
+    Signs are made continuous over the whole recording before frames are left out, as in Pavllo et
+    al. 2018, so that all phases agree and windows begin in either hemisphere.
+    """
+    return resample(unroll(replace(clip, labels={**clip.labels, **labels})), fps)
 
 
 def _read_here(
