@@ -208,3 +208,16 @@ def test_products_have_the_precision_of_their_factors(rows, dtype, generator):
     )
     back = weight.transposed.product(found)
     torch.testing.assert_close(back, found @ matrix.to(dtype), atol=100 * tolerance, rtol=tolerance)
+
+
+@pytest.mark.filterwarnings("ignore:The tensor attributes:UserWarning")
+def test_a_captured_graph_agrees(generator):
+    backbone = make_backbone(torch.float32)
+    frames = make_frames(3, 6, generator, torch.float32).detach()
+    with torch.no_grad():
+        state = backbone.initial_state(3)
+        captured = torch.export.export(backbone, (frames, state)).module()
+        found, wanted = captured(frames, state), backbone(frames, state)
+    torch.testing.assert_close(found[0], wanted[0])
+    for one, other in zip(found[1], wanted[1], strict=True):
+        torch.testing.assert_close(one, other)

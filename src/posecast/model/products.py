@@ -20,6 +20,9 @@ from torch import Tensor
 FEW_ROWS = 256
 """Up to this many rows, a product is limited by the weight that is read; packing it pays."""
 
+_HARDLY_ANY_ROWS = 4
+"""Below this many, MKL is the faster one on the processors that have AMX, all of them Intel's."""
+
 
 class Weight:
     """A constant matrix that many others are multiplied with.
@@ -36,7 +39,7 @@ class Weight:
         self, rows: Float[Tensor, "rows inputs"], bias: Float[Tensor, " outputs"] | None = None
     ) -> Float[Tensor, "rows outputs"]:
         """``rows @ matrix.T + bias``, without a gradient."""
-        if len(rows) <= FEW_ROWS and can_pack(self.matrix):
+        if self._packs(len(rows)):
             return torch.ops.mkldnn._linear_pointwise(rows, self._packed, bias, "none", [], "")
         with exact_products(rows):
             return torch.nn.functional.linear(rows, self.matrix, bias)
@@ -49,6 +52,12 @@ class Weight:
     @cached_property
     def _packed(self) -> Tensor:
         return torch.ops.mkldnn._reorder_linear_weight(self.matrix, FEW_ROWS)
+
+    def _packs(self, rows: int) -> bool:
+        """Whether a packed product is the faster one."""
+        if rows > FEW_ROWS or not can_pack(self.matrix):
+            return False
+        return rows >= _HARDLY_ANY_ROWS or not _has_amx()
 
 
 def can_pack(like: Tensor) -> bool:
@@ -74,7 +83,7 @@ def exact_products(like: Tensor) -> Iterator[None]:
     one, nothing is changed.
     """
     before = torch.get_float32_matmul_precision()
-    if before != "highest" or not can_pack(like) or _medium_rounds():
+    if before != "highest" or not can_pack(like) or _has_amx():
         yield
         return
     torch.set_float32_matmul_precision("medium")
@@ -84,7 +93,7 @@ def exact_products(like: Tensor) -> Iterator[None]:
         torch.set_float32_matmul_precision(before)
 
 
-def _medium_rounds() -> bool:
-    """Whether the precision ``medium`` may round on this processor; true where that is unknown."""
+def _has_amx() -> bool:
+    """Whether this processor has units for products of bfloat16; true where that is unknown."""
     has_tiles = getattr(torch.cpu, "_is_amx_tile_supported", None)
     return has_tiles is None or bool(has_tiles())
