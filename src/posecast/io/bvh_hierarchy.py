@@ -132,8 +132,8 @@ def parse_hierarchy(path: str | PathLike[str], lines: list[str]) -> tuple[BvhJoi
             raise words.error(_unexpected(word, top))
     if stack:
         raise words.error(
-            f"{len(stack)} braces are still open where the hierarchy ends; the file is cut off or "
-            "lacks as many '}': copy or export it again"
+            f"{len(stack)} '{{' without a '}}' where the hierarchy ends; the file is cut off, or "
+            "braces are missing: copy or export it again"
         )
     if not joints:
         raise words.error("the hierarchy has no ROOT, expected at least one joint")

@@ -4,7 +4,7 @@ A BVH file names neither its unit nor its vertical axis. Both are guessed from t
 
 * unit: the longest way along bones from one joint to another (fingertip to toe) is about 1.35
   times the standing height of a person, whatever the pose. A height below 7 file units is taken
-  as metres, below 45 as CMU's 1/0.45 inch, below 82 as inches, below 540 as centimetres (people
+  as metres, below 40 as CMU's 1/0.45 inch, below 82 as inches, below 540 as centimetres (people
   of 0.82 to 5.4 m: the most common unit gets the widest range), above as millimetres.
 * up: y, unless the posed body extends clearly more along z or x, stands clearly nearer to the
   floor there, and does not travel along it. The OFFSETs say nothing: bones often lie along x.
@@ -38,7 +38,7 @@ UNITS: dict[str, float] = {
 
 _HEIGHT_BELOW: dict[str, float] = {
     "m": 7,
-    "1/0.45 inch (CMU)": 45,
+    "1/0.45 inch (CMU)": 40,
     "inch": 82,
     "cm": 540,
     "mm": math.inf,
@@ -151,13 +151,14 @@ def frame_rate(text: str) -> tuple[float, str]:
     step = 10.0 ** -min(max(decimals, 0), 300)
     for fps, shown in (*_USUAL_RATES.items(), (nearest, f"{nearest:g}")):
         short_by = 1 / fps - seconds
-        if -step / 2 <= short_by < step and abs(fps - rate) < _ROUNDING * rate:
+        largest = _ROUNDING if fps in _USUAL_RATES else _ROUNDING / 10
+        if -step / 2 <= short_by < step and abs(fps - rate) < largest * rate:
             return fps, f"frame time {text} read as 1/{shown} s"
     return rate, ""
 
 
 _ROUNDING = 0.02
-"""Largest relative change of the rate that rounding the frame time may explain."""
+"""Largest relative change that rounding may make to a usual rate; a tenth of it to others."""
 
 _USUAL_RATES: dict[float, str] = {
     **{float(fps): str(fps) for fps in (24, 25, 30, 48, 50, 60, 72, 75, 90, 100, 120, 144, 150)},

@@ -124,11 +124,9 @@ class _Block:
                 f"for the {declared} frames declared; correct the channels or 'Frames:'",
                 self.places[0],
             )
-        last = begin == len(self.counts) - 1 or filled < columns
-        remedy = (
-            "the file is cut off: copy it again, or delete this row" if last else "export again"
-        )
-        found = self.counts[begin] if self.counts[begin] > columns or not last else filled
+        found, remedy = self.counts[begin], "export again"
+        if found < columns and filled < columns:
+            found, remedy = filled, "the file is cut off: copy it again, or delete this row"
         return DataError(
             self.path,
             f"found {found} numbers, expected {columns} (one for each channel); {remedy}",

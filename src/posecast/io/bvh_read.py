@@ -12,6 +12,7 @@ from posecast.io.bvh_numbers import parse_numbers
 from posecast.io.files import check_is_file
 
 _MOTION = re.compile(rb"^[ \t]*+MOTION(?=[\s:]|\Z):?+", re.IGNORECASE | re.MULTILINE)
+_BLANK = re.compile(rb"\s++")
 _MOTION_LINES = (
     ("Frames", re.compile(r"frames\s*+:?+\s*+(.*+)", re.IGNORECASE), "Frames: 240"),
     (
@@ -20,6 +21,9 @@ _MOTION_LINES = (
         "Frame Time: 0.0333333",
     ),
 )
+_LONGEST = 1000
+"""Characters in a line with a frame count or a frame time."""
+
 _GREATEST_BYTES = 2**31
 """About three hours of a hundred joints at 120 frames per second; parsing takes ten times more."""
 
@@ -119,10 +123,11 @@ def _parse_motion_header(
     """Declared number of frames, frame time as written, and where the numbers start."""
     found: dict[str, str] = {}
     for wanted, pattern, example in _MOTION_LINES:
-        while data[begin : (stop := _line_end(data, begin))].isspace():
-            begin = stop
-        text = data[begin : min(stop, begin + 200)].decode("latin-1").strip()
-        match = pattern.fullmatch(text)
+        if blank := _BLANK.match(data, begin):
+            begin = blank.end()
+        stop = _line_end(data, begin)
+        text = data[begin : min(stop, begin + _LONGEST)].decode("latin-1").strip()
+        match = pattern.fullmatch(text) if stop - begin < _LONGEST else None
         value = "" if match is None else match[1]
         problem = ""
         if match is None:

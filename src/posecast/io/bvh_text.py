@@ -49,7 +49,11 @@ def write_text(path: str | PathLike[str], document: BvhDocument, rows: bytes) ->
     ]
     head = "".join(line + "\n" for line in lines)
     if document.encoding == "utf-16":
-        data = (head + rows.decode("ascii")).replace("\n", document.newline).encode("utf-16")
+        data = (
+            (head + rows.decode("ascii"))
+            .replace("\n", document.newline)
+            .encode("utf-16", errors="replace")
+        )
     else:
         data = _encode(head, document.encoding) + rows
         if document.newline != "\n":
@@ -63,7 +67,7 @@ def _encode(text: str, encoding: str) -> bytes:
     try:
         return text.encode(encoding)
     except UnicodeEncodeError:
-        return text.encode("utf-8")
+        return text.encode("utf-8", errors="replace")
 
 
 def _hierarchy(joints: tuple[BvhJoint, ...]) -> Iterator[str]:
@@ -109,18 +113,17 @@ def six_decimals(micro: Float[np.ndarray, "frames channels"]) -> bytes:
         return _six_decimals_slowly(micro)
     whole_type = np.uint32 if greatest < 2**32 else np.uint64
     return b"".join(
-        _records(micro[start : start + rows], whole_type).tobytes().translate(None, b"\0")
-        for start in range(0, len(micro), rows)
+        _some_rows(micro[start : start + rows], whole_type) for start in range(0, len(micro), rows)
     )
 
 
 _CHUNK = 2**15
 
 
-def _records(
+def _some_rows(
     micro: Float[np.ndarray, "frames channels"], whole_type: type[np.unsignedinteger]
-) -> NDArray[np.void]:
-    """The text of every number in a record, with zero bytes in what it does not need."""
+) -> bytes:
+    """Text of a few rows, by way of records with zero bytes in what a number does not need."""
     size = np.abs(micro).astype(whole_type)
     whole = size // MICRO
     fraction = size - whole * MICRO
@@ -139,7 +142,7 @@ def _records(
     text["last"] = _PAIRS.take(fraction - tenths * 100)
     text["blank"] = ord(" ")
     text["blank"][:, -1] = ord("\n")
-    return text
+    return text.tobytes().translate(None, b"\0")
 
 
 def _six_decimals_slowly(micro: Float[np.ndarray, "frames channels"]) -> bytes:
