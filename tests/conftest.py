@@ -19,6 +19,9 @@ install_import_hook("posecast", "posecast_shape_checker.check")
 
 import torch  # noqa: E402
 
+# Tests work on small tensors and run several at a time: threads would only wait for each other.
+torch.set_num_threads(1)
+
 
 @pytest.fixture
 def generator() -> torch.Generator:

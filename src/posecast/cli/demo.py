@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,14 +24,18 @@ CURVE_MS = tuple(range(40, 1001, 40))
 PREFIX_MS, HORIZON_MS = 2000, 1000
 
 
-def run_demo(folder: Path) -> None:
+def run_demo(folder: Path, overrides: Sequence[str] = ()) -> None:
     """Train the small system on synthetic motion and write everything to ``folder``.
+
+    Args:
+        folder: made if it is not there; files of an earlier demo are replaced.
+        overrides: of the recipe, such as ``training.epochs=1``.
 
     Raises:
         DataError: the folder cannot be written.
     """
     began = time.monotonic()
-    recipe = load_recipe(RECIPE)
+    recipe = load_recipe(RECIPE, overrides)
     say("1/4 making the synthetic corpus")
     with progress_bar("clips") as advance:
         corpus = recipe.build_corpus(progress=advance)

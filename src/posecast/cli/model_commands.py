@@ -40,6 +40,7 @@ def register(app: typer.Typer) -> None:
 
 
 def demo(
+    overrides: Overrides = None,
     out: Annotated[Path, typer.Option("--out", help="Folder for everything it writes.")] = Path(
         "demo"
     ),
@@ -47,7 +48,7 @@ def demo(
     """Train a small model on synthetic motion and show what it can do; minutes on two cores."""
     from posecast.cli.demo import run_demo
 
-    run_demo(out)
+    run_demo(out, overrides or ())
 
 
 def recipes(
