@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import importlib.util
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -282,6 +284,60 @@ def test_arguments_are_left_as_they_were(generator):
     gradients(lambda *x: joint_positions(skeleton, *x), *inputs, torch.ones(6, 14, 3).double())
     for before, after in zip(copies, inputs, strict=True):
         torch.testing.assert_close(after, before, atol=0, rtol=0)
+
+
+@pytest.mark.parametrize("tree", TREES)
+def test_what_a_compiler_is_shown_has_the_same_values_and_gradients(tree, generator, monkeypatch):
+    skeleton = skeleton_of(tree)
+    q = poses((4, 6), skeleton, generator)
+    offsets = vectors(4, 1, len(skeleton), generator=generator)
+    roots = vectors(4, 6, generator=generator)
+    weights = vectors(4, 6, len(skeleton), generator=generator)
+
+    def fast(q, o, r):
+        return joint_positions(skeleton, q, o, r)
+
+    expected = gradients(fast, q, offsets, roots, weights)
+    world = forward_kinematics(skeleton, q, offsets)
+    monkeypatch.setattr(torch.compiler, "is_compiling", lambda: True)
+    found = gradients(fast, q, offsets, roots, weights)
+    for one, other in zip(found[1:], expected[1:], strict=True):
+        exactly(one, other)
+    exactly(forward_kinematics(skeleton, q, offsets).positions, world.positions)
+    exactly(local_to_root(skeleton, q), world.rotations)
+
+
+COMPILED = """
+import torch
+from posecast.geometry import quaternion
+from posecast.skeleton import Skeleton, forward_kinematics
+
+torch.manual_seed(0)
+skeleton = Skeleton(tuple("abcdef"), (-1, 0, 1, 0, -1, 4))
+raw, offsets, roots = (torch.randn(s).double() for s in ((7, 6, 4), (6, 3), (7, 3)))
+
+def loss(raw, offsets):
+    world = forward_kinematics(skeleton, quaternion.normalize(raw), offsets, roots)
+    return world.positions.square().sum() + world.rotations[..., 0].sum()
+
+results = []
+for call in (loss, torch.compile(loss, backend="aot_eager", fullgraph=True)):
+    leaves = [x.clone().requires_grad_() for x in (raw, offsets)]
+    value = call(*leaves)
+    value.backward()
+    results.append([value.detach(), *(leaf.grad for leaf in leaves)])
+for eager, compiled in zip(*results, strict=True):
+    torch.testing.assert_close(compiled, eager)
+"""
+
+
+@pytest.mark.slow
+def test_compiling_changes_no_value_and_no_gradient():
+    # in a process of its own: the shape checks of the test suite are not made for compilers
+    done = subprocess.run(
+        [sys.executable, "-c", COMPILED], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
 
 
 def test_a_plan_made_for_inference_serves_training(generator):

@@ -1,4 +1,8 @@
-"""Forward kinematics and local <-> root-relative rotations, a whole tree level at a time."""
+"""Forward kinematics and local <-> root-relative rotations, a whole tree level at a time.
+
+Inside ``torch.compile`` and ``torch.export`` the same results come from a plain loop over joints,
+which the compiler unrolls and fuses; there all gradients are complete and of any order.
+"""
 
 from __future__ import annotations
 
@@ -72,6 +76,8 @@ def joint_positions(
     """
     _check_joints(skeleton, rotations_local.shape[-2])
     _check_joints(skeleton, offsets.shape[-2])
+    if torch.compiler.is_compiling():
+        return _positions_by_joint(skeleton, rotations_local, offsets, root_positions)
     joints, batch = len(skeleton), rotations_local.shape[:-2]
     poses = math.prod(batch)
     if math.prod(offsets.shape[:-2]) == 1:
@@ -101,6 +107,8 @@ def local_to_root(
         SkeletonError: the number of joints is not that of the skeleton.
     """
     _check_joints(skeleton, rotations_local.shape[-2])
+    if torch.compiler.is_compiling():
+        return torch.stack(_rotations_by_joint(skeleton, rotations_local), dim=-2)
     poses = rotations_local.reshape(-1, *rotations_local.shape[-2:])
     world = WorldRotations.apply(tree_plan(skeleton, rotations_local.device), poses)
     return world.reshape(rotations_local.shape)
@@ -121,6 +129,36 @@ def root_to_local(
     local = quaternion.product(above, ordered[..., plan.roots :, :])
     whole = torch.cat([ordered[..., : plan.roots, :], local], dim=-2)
     return whole.index_select(-2, plan.places)
+
+
+def _rotations_by_joint(
+    skeleton: Skeleton, rotations_local: Float[Tensor, "*batch joints 4"]
+) -> list[Tensor]:
+    """World rotation of each joint, from operations that a compiler sees through."""
+    turned: list[Tensor] = []
+    for joint, parent in enumerate(skeleton.parents):
+        own = rotations_local[..., joint, :]
+        turned.append(own if parent == -1 else quaternion.product(turned[parent], own))
+    return turned
+
+
+def _positions_by_joint(
+    skeleton: Skeleton,
+    rotations_local: Float[Tensor, "*batch joints 4"],
+    offsets: Float[Tensor, "*#batch joints 3"],
+    root_positions: Float[Tensor, "*batch 3"] | None,
+) -> Float[Tensor, "*batch joints 3"]:
+    """World positions, from operations that a compiler sees through."""
+    turned = _rotations_by_joint(skeleton, rotations_local)
+    bodies = offsets.expand(*rotations_local.shape[:-1], 3)
+    placed: list[Tensor] = []
+    for joint, parent in enumerate(skeleton.parents):
+        bone = bodies[..., joint, :]
+        if parent >= 0:
+            placed.append(placed[parent] + quaternion.rotate(turned[parent], bone))
+        else:
+            placed.append(bone if root_positions is None else bone + root_positions)
+    return torch.stack(placed, dim=-2)
 
 
 def _check_joints(skeleton: Skeleton, found: int) -> None:
