@@ -73,9 +73,8 @@ def pose(performance: Performance, times: Float[ndarray, " times"]) -> Frames:
     """Joint rotations at some times, seconds."""
     carriage, body = performance.carriage, performance.body
     root = torch.from_numpy(carriage.root(times))
-    pelvis = _turned(carriage.pelvis(times))
-    chest_angles = carriage.chest(times)
-    chest = _turned(chest_angles)
+    pelvis_angles = carriage.pelvis(times)
+    pelvis, chest = _turned(pelvis_angles), _turned(carriage.chest(times))
     head = _turned(carriage.head(times))
     halfway = quaternion.slerp(pelvis, chest, torch.tensor(0.5, dtype=torch.float64))
     nodding = quaternion.slerp(chest, head, torch.tensor(0.45, dtype=torch.float64))
@@ -87,7 +86,7 @@ def pose(performance: Performance, times: Float[ndarray, " times"]) -> Frames:
         "Head": _relative(nodding, head),
     }
     for side, foot in zip(("Left", "Right"), performance.feet(times), strict=True):
-        rotations |= _leg(side, root, pelvis, carriage.pelvis(times)[:, 0], foot, body)
+        rotations |= _leg(side, root, pelvis, pelvis_angles[:, 0], foot, body)
         rotations |= _arm(side, performance, times)
     stacked = torch.stack([rotations[name] for name in SKELETON.names], dim=1)
     return Frames(root, quaternion.unroll(stacked))

@@ -81,11 +81,11 @@ def glide(
         gather, settle: shares of the time that the two ramps take.
     """
     u = np.clip(u, 0, 1)
+    way = 1 - (gather + settle) / 2
     begun, left = np.minimum(u / gather, 1), np.minimum((1 - u) / settle, 1)
-    first = gather * begun**3 * (1 - begun / 2) + np.maximum(u - gather, 0)
-    missing = settle * (1 - left**3 * (1 - left / 2)) - settle / 2
-    first = np.where(u > 1 - settle, 1 - gather / 2 - settle + missing, first)
-    return first / (1 - (gather + settle) / 2)
+    gone = gather * begun**3 * (1 - begun / 2) + np.maximum(u - gather, 0)
+    to_go = settle * left**3 * (1 - left / 2)
+    return np.where(u > 1 - settle, way - to_go, gone) / way
 
 
 def smooth(
