@@ -150,7 +150,8 @@ def mirror(clip: Clip) -> Clip:
     Joints change places with their twins on the other side, found by name; those without one stay
     on the middle line. The body is reflected too, so asymmetric bones are. The columns of the
     track ``contacts`` change places, ``phase`` is shifted by half a cycle, ``facing`` and ``path``
-    are reflected; other tracks are kept. The label ``mirrored`` is "yes" after one reflection and gone after two.
+    are reflected; other tracks are kept. The label ``mirrored`` is "yes" after one reflection and
+    gone after two.
 
     Raises:
         SkeletonError: two joints are twins by name, but their parents are not.
