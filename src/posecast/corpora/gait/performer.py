@@ -144,13 +144,14 @@ def _leg(
 
 def _arm(side: str, performance: Performance, times: Float[ndarray, " times"]) -> Rotations:
     """Collar bone, shoulder, elbow and wrist; the right arm is the mirror image of the left."""
-    carriage, manner = performance.carriage, performance.manner
+    carriage, manner, body = performance.carriage, performance.manner, performance.body
     index = 0 if side == "Left" else 1
     swing, elbow = carriage.arms(times)[:, index], carriage.elbows(times)[:, index]
     share = carriage.running(times)
     elbow = np.maximum(elbow, 0.08)
-    lowered = np.full_like(times, manner.arms_out - np.pi / 2) + 0.10 * share
-    inwards = 0.10 + share * (0.14 + 0.30 * np.tanh(swing))
+    aside = max(manner.arms_out, 0.15) + 0.25 * max(body.hips / body.shoulders - 1, 0.0)
+    lowered = aside - np.pi / 2 + 0.10 * share
+    inwards = 0.07 + share * (0.14 + 0.30 * np.tanh(swing))
     lift = quaternion.product(_about("x", -swing), _about("z", lowered))
     left = {
         "Shoulder": quaternion.product(
