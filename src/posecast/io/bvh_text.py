@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import cache
 from os import PathLike
 
 import numpy as np
@@ -128,18 +129,19 @@ def _some_rows(
     whole = size // MICRO
     fraction = size - whole * MICRO
     tenths = fraction // 100
+    full, short, pairs = _digits(10**4, 4, "0"), _digits(10**4, 4, "\0"), _digits(100, 2, "0")
     text = np.zeros(micro.shape, dtype=_RECORD)
     text["sign"] = np.where(micro < 0, np.uint8(ord("-")), np.uint8(0))
     if whole.max(initial=0) >= 10**4:
         high = whole // 10**4
         low = whole - high * 10**4
-        text["high"] = np.where(high > 0, _SHORT.take(high), 0)
-        text["low"] = np.where(high > 0, _FULL.take(low), _SHORT.take(low))
+        text["high"] = np.where(high > 0, short.take(high), 0)
+        text["low"] = np.where(high > 0, full.take(low), short.take(low))
     else:
-        text["low"] = _SHORT.take(whole)
+        text["low"] = short.take(whole)
     text["dot"] = ord(".")
-    text["tenths"] = _FULL.take(tenths)
-    text["last"] = _PAIRS.take(fraction - tenths * 100)
+    text["tenths"] = full.take(tenths)
+    text["last"] = pairs.take(fraction - tenths * 100)
     text["blank"] = ord(" ")
     text["blank"][:, -1] = ord("\n")
     return text.tobytes().translate(None, b"\0")
@@ -155,16 +157,13 @@ def _six_decimals_slowly(micro: Float[np.ndarray, "frames channels"]) -> bytes:
     return "".join(" ".join(map(text, row)) + "\n" for row in micro.tolist()).encode("ascii")
 
 
-def _digits(count: int, width: int, pad: str, dtype: str) -> NDArray[np.generic]:
-    """All numbers below ``count`` as text of a fixed width, as whole words of memory."""
-    return np.frombuffer(
-        b"".join(str(number).rjust(width, pad).encode("ascii") for number in range(count)), dtype
-    )
+@cache
+def _digits(count: int, width: int, pad: str) -> NDArray[np.unsignedinteger]:
+    """All numbers below ``count`` as text of a fixed width, each as one word of memory."""
+    text = b"".join(str(number).rjust(width, pad).encode("ascii") for number in range(count))
+    return np.frombuffer(text, f"u{width}")
 
 
-_FULL = _digits(10**4, 4, "0", "u4")
-_SHORT = _digits(10**4, 4, "\0", "u4")
-_PAIRS = _digits(100, 2, "0", "u2")
 _RECORD = np.dtype(
     [
         ("sign", "u1"),
