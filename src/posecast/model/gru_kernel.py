@@ -143,14 +143,19 @@ class _Run(torch.autograd.Function):
         states = frames.new_empty(count + 1, batch, hidden)
         recalled = frames.new_empty(count, batch, hidden)
         states[0] = first
-        for step in range(count):
-            recurrent = state.product(states[step], bias_hh)
-            both, new = gates[step].split([2 * hidden, hidden], dim=1)
-            both.add_(recurrent[:, : 2 * hidden]).sigmoid_()
-            reset, keep = both.chunk(2, dim=1)
-            recall = recalled[step].copy_(recurrent[:, 2 * hidden :])
+        for here, after, recall, both, new in zip(
+            states[:-1].unbind(0),
+            states[1:].unbind(0),
+            recalled.unbind(0),
+            gates[..., : 2 * hidden].unbind(0),
+            gates[..., 2 * hidden :].unbind(0),
+            strict=True,
+        ):
+            update, from_state = state.product(here, bias_hh).split([2 * hidden, hidden], dim=1)
+            reset, keep = both.add_(update).sigmoid_().chunk(2, dim=1)
+            recall.copy_(from_state)
             new.addcmul_(reset, recall).tanh_()
-            torch.lerp(new, states[step], keep, out=states[step + 1])
+            torch.lerp(new, here, keep, out=after)
         ctx.inputs, ctx.state, ctx.pending = inputs, state, pending
         # The weights are saved only for autograd to notice when they change before backward.
         ctx.save_for_backward(frames, gates, states, recalled, weight_ih, weight_hh)
@@ -160,19 +165,30 @@ class _Run(torch.autograd.Function):
     @once_differentiable
     def backward(ctx: Any, grad: Tensor) -> tuple[Tensor | None, ...]:
         frames, gates, states, recalled, _, _ = ctx.saved_tensors
-        count, _, hidden = recalled.shape
+        hidden = recalled.shape[2]
         d_gates, d_new = torch.empty_like(gates), torch.empty_like(recalled)
         carried = torch.zeros_like(states[0])
-        for step in range(count - 1, -1, -1):
-            reset, keep, new = gates[step].chunk(3, dim=1)
-            d_reset, d_keep, d_recall = d_gates[step].chunk(3, dim=1)
-            d_state = grad[step] + carried
-            _sigmoid_backward(d_state * (states[step] - new), keep, grad_input=d_keep)
+        past = zip(
+            grad.unbind(0),
+            states[:-1].unbind(0),
+            recalled.unbind(0),
+            *(gate.unbind(0) for gate in gates.chunk(3, dim=2)),
+            d_gates.unbind(0),
+            *(gate.unbind(0) for gate in d_gates.chunk(3, dim=2)),
+            d_new.unbind(0),
+            strict=True,
+        )
+        for step in reversed(list(past)):
+            d_state, before, recall, reset, keep, new, d_sums, d_reset, d_keep, d_recall, d_own = (
+                step
+            )
+            d_state = d_state + carried
+            _sigmoid_backward(d_state * (before - new), keep, grad_input=d_keep)
             kept = d_state * keep
-            _tanh_backward(d_state.sub_(kept), new, grad_input=d_new[step])
-            _sigmoid_backward(d_new[step] * recalled[step], reset, grad_input=d_reset)
-            torch.mul(d_new[step], reset, out=d_recall)
-            carried = ctx.state.transposed.product(d_gates[step]).add_(kept)
+            _tanh_backward(d_state.sub_(kept), new, grad_input=d_own)
+            _sigmoid_backward(d_own * recall, reset, grad_input=d_reset)
+            torch.mul(d_own, reset, out=d_recall)
+            carried = ctx.state.transposed.product(d_sums).add_(kept)
         d_frames = None
         if ctx.needs_input_grad[0]:
             d_inputs = d_gates.clone()

@@ -34,12 +34,14 @@ class Weight:
 
     def __init__(self, matrix: Float[Tensor, "outputs inputs"]) -> None:
         self.matrix = matrix.detach()
+        least = _HARDLY_ANY_ROWS if _has_amx() else 1
+        self._packed_rows = range(least, FEW_ROWS + 1) if can_pack(matrix) else range(0)
 
     def product(
         self, rows: Float[Tensor, "rows inputs"], bias: Float[Tensor, " outputs"] | None = None
     ) -> Float[Tensor, "rows outputs"]:
         """``rows @ matrix.T + bias``, without a gradient."""
-        if self._packs(len(rows)):
+        if len(rows) in self._packed_rows:
             return torch.ops.mkldnn._linear_pointwise(rows, self._packed, bias, "none", [], "")
         with exact_products(rows):
             return torch.nn.functional.linear(rows, self.matrix, bias)
@@ -52,12 +54,6 @@ class Weight:
     @cached_property
     def _packed(self) -> Tensor:
         return torch.ops.mkldnn._reorder_linear_weight(self.matrix, FEW_ROWS)
-
-    def _packs(self, rows: int) -> bool:
-        """Whether a packed product is the faster one."""
-        if rows > FEW_ROWS or not can_pack(self.matrix):
-            return False
-        return rows >= _HARDLY_ANY_ROWS or not _has_amx()
 
 
 def can_pack(like: Tensor) -> bool:
