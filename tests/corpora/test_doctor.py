@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -360,12 +359,10 @@ def test_a_text_names_the_first_files_and_counts_the_rest(
 def test_the_true_problems_of_real_data_are_found_and_no_others(
     data_root: Path, name: str, expected: set[str]
 ) -> None:
-    begin = time.perf_counter()
     report = examine(data_root / name)
     assert report.corpus == name
     assert {finding.problem for finding in report.findings} == expected
     assert report.is_sound
-    assert time.perf_counter() - begin < 120
     if name == "h36m":
         doubles = [finding for finding in report.findings if finding.problem == "duplicate"]
         assert len(doubles) >= 4

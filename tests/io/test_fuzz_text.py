@@ -169,6 +169,7 @@ GROWING: dict[str, tuple[str, Callable[[int], bytes]]] = {
 }  # fmt: skip
 
 
+@pytest.mark.slow  # reads the clock: not in the default run
 @pytest.mark.parametrize("case", GROWING)
 def test_a_file_ten_times_as_long_takes_about_ten_times_as_long(tmp_path, case):
     name, build = GROWING[case]
