@@ -160,3 +160,16 @@ def test_the_files_at_hand_are_split_as_published(data_root: Path, tmp_path: Pat
     assert set(corpus.missing) == {
         name for name in FILES if not (data_root / "h36m" / name).is_file()
     }
+
+
+def test_known_copies_are_left_out_where_the_test_recording_is_not_there_to_compare(
+    write_h36m: WriteH36m,
+) -> None:
+    names = ["S9/discussion_1.txt", "S9/walking_1.txt", "S6/posing_2.txt", "S5/posing_2.txt"]
+    corpus = build(write_h36m(names))
+    trained = {name.split(":")[0] for name in files_of(corpus, "train")}
+    # S6/posing_2 is there beside S5's and is not its copy, so it stays.
+    assert trained == {"S9/walking_1.txt", "S6/posing_2.txt"}
+    assert "S9/discussion_1.txt is S5/discussion_1.txt" in " ".join(corpus.notes)
+    kept = build(write_h36m(names), copies="keep")
+    assert "S9/discussion_1.txt:0" in files_of(kept, "train")
