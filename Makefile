@@ -24,10 +24,10 @@ demo: $(READY)
 	$(BIN)/posecast demo
 
 test: $(READY)
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n auto
 
 test-all: $(READY)
-	$(BIN)/python -m pytest -m "not gpu"
+	$(BIN)/python -m pytest -n auto -m "not gpu"
 
 check: $(READY)
 	$(BIN)/ruff format --check .
