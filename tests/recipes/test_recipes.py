@@ -153,15 +153,16 @@ def _shrunk(name: str) -> Recipe:
     sampling = "{kind: random_recordings, steps_per_epoch: 15}"
     overrides = [
         "model.backbone.hidden=32",
-        "training.epochs=16",
-        "training.validate_every=16",
+        "training.prefix=10",
+        "training.epochs=12",
+        "training.validate_every=12",
         "training.batch=8",
         "training.learning_rate=0.01",
-        "training.decay=0.85",
+        "training.decay=0.8",
         f"training.sampling={sampling}",
-        "protocol={kind: short-term, metrics: [joint_angle]}",
+        "protocol={kind: short-term, prefix_ms: 400, metrics: [joint_angle]}",
     ]
     recipe = load_recipe(name)
     if "decay" in recipe.config["training"]["feed"]:
-        overrides.append("training.feed.decay=0.7")
+        overrides.append("training.feed.decay=0.6")
     return load_recipe(name, overrides)
