@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 from pathlib import Path
 
@@ -67,3 +68,18 @@ def test_a_missing_folder_or_a_folder_as_target_is_a_data_error(tmp_path: Path) 
     with pytest.raises(DataError, match="not a regular file"), atomic_write(tmp_path):
         pass
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_disk_that_is_full_is_a_data_error_and_leaves_the_old_file(tmp_path: Path) -> None:
+    target = tmp_path / "clip.bvh"
+    target.write_text("old")
+
+    def write_half() -> None:
+        with atomic_write(target) as temporary:
+            temporary.write_text("half")
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with pytest.raises(DataError, match="No space left on device"):
+        write_half()
+    assert target.read_text() == "old"
+    assert [path.name for path in tmp_path.iterdir()] == ["clip.bvh"]

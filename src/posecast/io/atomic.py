@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import secrets
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from os import PathLike
 from pathlib import Path
 
@@ -24,7 +24,8 @@ def atomic_write(path: str | PathLike[str]) -> Iterator[Path]:
         path: the file to write; its folder must exist.
 
     Raises:
-        DataError: the folder is missing or closed to writing, or ``path`` is a folder or device.
+        DataError: the folder is missing or closed to writing, ``path`` is a folder or device, or
+            the system refuses the block a write: a full disk, a quota, a lost network drive.
     """
     target = Path(os.path.realpath(path))
     if target.exists() and not target.is_file():
@@ -42,6 +43,11 @@ def atomic_write(path: str | PathLike[str]) -> Iterator[Path]:
     try:
         yield temporary
         temporary.replace(target)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
+    except BaseException as error:
+        # On a drive that is gone, this fails for the same reason, which is the one to name.
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
+        if isinstance(error, OSError):
+            reason = error.strerror or error
+            raise DataError(path, f"cannot be written ({reason}); choose another place") from error
         raise
