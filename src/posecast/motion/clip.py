@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
@@ -73,8 +74,10 @@ class Clip:
                 self.name or "clip",
                 f"{frames} root positions but {self.rotations_local.shape[0]} frames of rotations",
             )
-        if not self.fps > 0:
-            raise DataError(self.name or "clip", f"{self.fps} frames per second; expected > 0")
+        if not 0 < self.fps < math.inf:
+            raise DataError(
+                self.name or "clip", f"{self.fps} frames per second; expected a positive number"
+            )
         for track, values in self.tracks.items():
             if len(values) != frames:
                 raise DataError(

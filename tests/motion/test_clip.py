@@ -1,0 +1,36 @@
+"""A clip is checked once, when it is made."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+import torch
+
+from posecast.errors import DataError
+from posecast.motion import Clip
+
+
+@pytest.mark.parametrize("fps", [0.0, -30.0, float("nan"), float("inf")])
+def test_a_frame_rate_is_a_positive_number(make_clip: Callable[..., Clip], fps: float) -> None:
+    with pytest.raises(DataError, match="expected a positive number"):
+        make_clip(fps=fps)
+
+
+def test_a_track_has_a_value_for_every_frame(make_clip: Callable[..., Clip]) -> None:
+    with pytest.raises(DataError, match="'phase' has 39 values for 40 frames"):
+        make_clip(frames=40, tracks={"phase": torch.zeros(39)})
+
+
+@pytest.mark.parametrize(("start", "stop"), [(-1, 5), (5, 5), (7, 5), (0, 41)])
+def test_a_cut_lies_within_the_clip(make_clip: Callable[..., Clip], start: int, stop: int) -> None:
+    with pytest.raises(DataError, match=f"frames {start} to {stop} asked for, the clip has 40"):
+        make_clip(frames=40).cut(start, stop)
+
+
+def test_a_cut_takes_the_tracks_along(make_clip: Callable[..., Clip]) -> None:
+    clip = make_clip(frames=40, tracks={"phase": torch.arange(40)})
+    piece = clip.cut(7, 12)
+    assert piece.frames == 5
+    assert piece.tracks["phase"].tolist() == [7, 8, 9, 10, 11]
+    torch.testing.assert_close(piece.rotations_local, clip.rotations_local[7:12])
