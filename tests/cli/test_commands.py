@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -89,6 +91,42 @@ def test_a_folder_is_converted_whole(
     assert "--to bvh or --to npz" in refused.err
 
 
+def test_two_files_of_a_folder_never_become_one(
+    posecast: Callable[..., Outcome], walk: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "in"
+    folder.mkdir()
+    shutil.copy(walk, folder / "walk.bvh")
+    write_clip(read_clip(walk), folder / "walk.npz")
+    outcome = posecast("convert", folder, tmp_path / "out", "--to", "npz")
+    assert outcome.code == 2
+    assert "walk.bvh and " in outcome.err
+    assert "would both become" in outcome.err
+    assert not (tmp_path / "out").exists()
+
+
+def test_what_a_format_cannot_keep_is_said(
+    posecast: Callable[..., Outcome], tmp_path: Path
+) -> None:
+    clip = make_clip(0, fps=50.0, seconds=1.0)
+    moving = clip.offsets.expand(clip.frames, -1, -1).clone()
+    moving[5, clip.skeleton.index("Head")] += 0.01
+    write_clip(replace(clip, translations_local=moving), tmp_path / "walk.npz")
+    outcome = posecast("convert", tmp_path / "walk.npz", tmp_path / "again.bvh")
+    assert outcome.code == 0
+    assert "'Head' moves, which its channels cannot say" in outcome.err
+
+
+def test_names_in_any_script_are_json_on_any_terminal(
+    posecast: Callable[..., Outcome], walk: Path, tmp_path: Path
+) -> None:
+    path = tmp_path / "walk.bvh"
+    path.write_bytes(walk.read_bytes().replace(b"JOINT Head", "JOINT 頭".encode()))
+    outcome = posecast("inspect", path, "--json")
+    assert outcome.out.isascii()
+    assert "頭" in [joint["name"] for joint in json.loads(outcome.out)["joints"]]
+
+
 def test_resampling_changes_the_frame_rate(
     posecast: Callable[..., Outcome], walk: Path, tmp_path: Path
 ) -> None:
@@ -167,6 +205,35 @@ MISTAKES = {
         ["forecast", ".", "walk.bvh", "--out", "out.bvh"],
         "not a checkpoint",
     ),
+    "a frame rate that is no number": (
+        ["convert", "WALK", "out.bvh", "--fps", "inf"],
+        "--fps inf: expected frames per second",
+    ),
+    "more frames than fit in memory": (
+        ["convert", "WALK", "out.bvh", "--resample", "1e9"],
+        "--resample 1e+09: expected frames per second, above 0 and at most 10000",
+    ),
+    "a horizon of ages": (
+        ["forecast", ".", "WALK", "--out", "out.bvh", "--horizon-ms", "1e15"],
+        "--horizon-ms",
+    ),
+    "a folder's option for a file": (
+        ["convert", "WALK", "out.bvh", "--to", "npz"],
+        "--to npz is for folders",
+    ),
+    "a folder written over itself": (["convert", "FOLDER", "FOLDER", "--to", "bvh"], "to be read"),
+    "a folder where a file is": (
+        ["convert", "FOLDER", "WALK", "--to", "npz"],
+        "walk.bvh: File exists",
+    ),
+    "a forecast that begins at no time": (
+        ["view", "WALK", "--out", "walk.png", "--split-ms", "nan"],
+        "--split-ms nan: expected a time in the clip, 0 to 3000 ms",
+    ),
+    "a forecast that begins after the end": (
+        ["view", "WALK", "--out", "walk.png", "--split-ms", "3000"],
+        "--split-ms 3000: expected a time in the clip",
+    ),
     "a picture nobody can draw": (["view", "WALK", "--out", "walk.docx"], "walk.docx"),
     "an unknown option": (["inspect", "--colour"], "No such option"),
 }
@@ -182,9 +249,13 @@ def test_a_mistake_is_a_line_and_exit_code_2(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     arguments, message = MISTAKES[mistake]
-    outcome = posecast(*[walk if argument == "WALK" else argument for argument in arguments])
+    before = walk.read_bytes()
+    places = {"WALK": walk, "FOLDER": walk.parent}
+    outcome = posecast(*[places.get(argument, argument) for argument in arguments])
     assert outcome.code == 2
     assert message in outcome.err
     assert "Traceback" not in outcome.err
     assert not outcome.out
     assert not list(tmp_path.iterdir())
+    assert list(walk.parent.iterdir()) == [walk]
+    assert walk.read_bytes() == before

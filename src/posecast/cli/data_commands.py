@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from posecast.motion import Clip
 
 MOTION_SUFFIXES = (".bvh", ".amc", ".npz", ".txt")
+_MOST_FPS = 10_000
 FpsOption = Annotated[
     float | None,
     typer.Option("--fps", help="True frame rate of the input, where its header is wrong."),
@@ -41,20 +42,22 @@ def convert(
 ) -> None:
     """Convert motion capture: BVH, ASF/AMC, H3.6M text, AMASS or archive to BVH or archive."""
     if not source.is_dir():
-        _convert_file(source, target, fps=fps, resample=resample)
+        if to is not None:
+            raise ConfigError(
+                f"--to {to} is for folders; {source} becomes what the name {target} ends with"
+            )
+        save_clip(_clip_to_convert(source, fps=fps, resample=resample), target)
         return
     if to not in ("bvh", "npz"):
         raise ConfigError(f"{source} is a folder: say what to convert to with --to bvh or --to npz")
-    files = sorted(path for path in source.rglob("*") if path.suffix.lower() in MOTION_SUFFIXES)
-    if not files:
-        raise DataError(source, f"no motion found; looked for {', '.join(MOTION_SUFFIXES)}")
+    places = _places(source, target, f".{to}")
     with progress_bar("converting") as advance:
-        for done, path in enumerate(files, start=1):
-            written = (target / path.relative_to(source)).with_suffix(f".{to}")
+        for done, (written, path) in enumerate(places.items(), start=1):
+            clip = _clip_to_convert(path, fps=fps, resample=resample)
             written.parent.mkdir(parents=True, exist_ok=True)
-            _convert_file(path, written, fps=fps, resample=resample)
-            advance(done, len(files))
-    say(f"{len(files)} files written to {target}")
+            save_clip(clip, written)
+            advance(done, len(places))
+    say(f"{len(places)} files written to {target}")
 
 
 def inspect(
@@ -98,6 +101,11 @@ def view(
     from posecast.viewer import draw
 
     loaded = [load_clip(path, fps=fps) for path in clips]
+    longest = max(clip.duration for clip in loaded) * 1000
+    if split_ms is not None and not 0 <= split_ms < longest:
+        raise ConfigError(
+            f"--split-ms {split_ms:g}: expected a time in the clip, 0 to {longest:.0f} ms"
+        )
     split = None if split_ms is None else round(split_ms / 1000 * loaded[0].fps)
     draw(loaded, out, titles=[path.stem for path in clips], split_frame=split)
     say(f"{out} written")
@@ -112,19 +120,53 @@ def load_clip(path: Path, *, fps: float | None = None) -> Clip:
     clip = read_clip(path)
     if fps is None:
         return clip
-    if not fps > 0:
-        raise ConfigError(f"--fps {fps:g}: expected a positive number of frames per second")
+    _check_rate("--fps", fps)
     return replace(clip, fps=fps)
 
 
-def _convert_file(source: Path, target: Path, *, fps: float | None, resample: float | None) -> None:
+def save_clip(clip: Clip, path: Path) -> None:
+    """Write any motion file, and say what its format could not keep."""
     from posecast.io import write_clip
+
+    for note in write_clip(clip, path):
+        say(f"note: {path}: {note}")
+
+
+def _check_rate(option: str, fps: float) -> None:
+    """Refuse a frame rate that no recording has, before it asks for frames without number."""
+    if not 0 < fps <= _MOST_FPS:
+        raise ConfigError(
+            f"{option} {fps:g}: expected frames per second, above 0 and at most {_MOST_FPS}"
+        )
+
+
+def _places(source: Path, target: Path, suffix: str) -> dict[Path, Path]:
+    """For each file to be written the one it is made from; no two alike, none of them a source."""
+    files = sorted(path for path in source.rglob("*") if path.suffix.lower() in MOTION_SUFFIXES)
+    if not files:
+        raise DataError(source, f"no motion found; looked for {', '.join(MOTION_SUFFIXES)}")
+    known = {path.resolve() for path in files}
+    places: dict[Path, Path] = {}
+    for path in files:
+        written = (target / path.relative_to(source)).with_suffix(suffix)
+        if written in places:
+            raise ConfigError(
+                f"{places[written]} and {path} would both become {written}; convert one of them "
+                "by itself, under another name"
+            )
+        if written.resolve() in known:
+            raise ConfigError(f"{written} is there to be read; choose another folder to write")
+        places[written] = path
+    return places
+
+
+def _clip_to_convert(path: Path, *, fps: float | None, resample: float | None) -> Clip:
     from posecast.motion import transforms
 
-    clip = load_clip(source, fps=fps)
-    if resample is not None:
-        clip = transforms.resample(clip, resample, phases="first")[0]
-    write_clip(clip, target)
+    if resample is None:
+        return load_clip(path, fps=fps)
+    _check_rate("--resample", resample)
+    return transforms.resample(load_clip(path, fps=fps), resample, phases="first")[0]
 
 
 def _print_facts(fact: dict[str, Any]) -> None:

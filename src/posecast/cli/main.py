@@ -57,6 +57,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
         # The reader of our output is gone (as in `posecast ... | head`): nothing left to say to it.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)
+    except OSError as error:
+        # What the system refuses where no reader or writer was asked: a closed folder, a full disk.
+        where = "" if error.filename is None else f"{error.filename}: "
+        reason = error.strerror or error
+        sys.stderr.write(f"posecast: {where}{reason}; check the path and what you may do there\n")
+        sys.exit(2)
 
 
 if __name__ == "__main__":

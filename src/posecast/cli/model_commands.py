@@ -151,7 +151,12 @@ def forecast(
     clip: Annotated[Path, typer.Argument(help="A motion file with the checkpoint's skeleton.")],
     out: Annotated[Path, typer.Option("--out", help="The BVH or archive to write.")],
     horizon_ms: Annotated[
-        float, typer.Option("--horizon-ms", help="How far to look ahead, milliseconds.")
+        float,
+        typer.Option(
+            "--horizon-ms",
+            max=3_600_000,
+            help="How far to look ahead, milliseconds, up to an hour.",
+        ),
     ] = 1000,
     fps: Annotated[
         float | None,
@@ -159,13 +164,12 @@ def forecast(
     ] = None,
 ) -> None:
     """Continue a clip: writes the clip and its forecast in the clip's own conventions."""
-    from posecast.cli.data_commands import load_clip
-    from posecast.io import write_clip
+    from posecast.cli.data_commands import load_clip, save_clip
     from posecast.system import load
 
     system = load(checkpoint)
     known = load_clip(clip, fps=fps)
-    write_clip(system.forecast(known, horizon_ms=horizon_ms), out)
+    save_clip(system.forecast(known, horizon_ms=horizon_ms), out)
     say(f"{out} written: the forecast begins after {known.frames} frames")
 
 

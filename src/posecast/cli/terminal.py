@@ -25,8 +25,11 @@ RootOption = Annotated[
 
 
 def print_json(value: Any) -> None:
-    """One JSON value on standard output; numbers that JSON cannot say become null."""
-    sys.stdout.write(json.dumps(_finite(value), indent=1, ensure_ascii=False) + "\n")
+    """One JSON value on standard output; numbers that JSON cannot say become null.
+
+    In ASCII: names in any script, and names of files that are no text, come through any terminal.
+    """
+    sys.stdout.write(json.dumps(_finite(value), indent=1) + "\n")
 
 
 def say(text: str) -> None:
