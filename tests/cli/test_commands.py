@@ -80,12 +80,19 @@ def test_converting_there_and_back_keeps_the_motion(
     torch.testing.assert_close(first.root_positions, again.root_positions, atol=1e-6, rtol=0)
 
 
-def test_a_folder_is_converted_whole(
+def test_a_folder_is_converted_whole_without_its_licence(
     posecast: Callable[..., Outcome], walk: Path, tmp_path: Path
 ) -> None:
-    outcome = posecast("convert", walk.parent, tmp_path / "out", "--to", "npz")
+    folder = tmp_path / "in"
+    (folder / "more").mkdir(parents=True)
+    shutil.copy(walk, folder / "walk.bvh")
+    shutil.copy(walk, folder / "more" / "WALK.BVH")
+    (folder / "license.txt").write_text("Free, for research.")
+    outcome = posecast("convert", folder, tmp_path / "out", "--to", "npz")
     assert outcome.code == 0
+    assert "2 files written" in outcome.err
     assert (tmp_path / "out" / "walk.npz").is_file()
+    assert (tmp_path / "out" / "more" / "WALK.npz").is_file()
     refused = posecast("convert", walk.parent, tmp_path / "out")
     assert refused.code == 2
     assert "--to bvh or --to npz" in refused.err

@@ -141,8 +141,18 @@ def _check_rate(option: str, fps: float) -> None:
 
 
 def _places(source: Path, target: Path, suffix: str) -> dict[Path, Path]:
-    """For each file to be written the one it is made from; no two alike, none of them a source."""
-    files = sorted(path for path in source.rglob("*") if path.suffix.lower() in MOTION_SUFFIXES)
+    """For each file to be written the one it is made from; no two alike, none of them a source.
+
+    Of text files only those that Human3.6M's names fit are motion; the others are licences.
+    """
+    from posecast.corpora.h36m import is_recording
+
+    files = sorted(
+        path
+        for path in source.rglob("*")
+        if path.suffix.lower() in MOTION_SUFFIXES
+        and (path.suffix.lower() != ".txt" or is_recording(path.resolve()))
+    )
     if not files:
         raise DataError(source, f"no motion found; looked for {', '.join(MOTION_SUFFIXES)}")
     known = {path.resolve() for path in files}
