@@ -125,7 +125,7 @@ def root_to_local(
     _check_joints(skeleton, rotations_root.shape[-2])
     plan = tree_plan(skeleton, rotations_root.device)
     ordered = rotations_root.index_select(-2, plan.order)
-    above = quaternion.conjugate(ordered.index_select(-2, plan.above))
+    above = quaternion.conjugate(ordered.index_select(-2, plan.parents))
     local = quaternion.product(above, ordered[..., plan.roots :, :])
     whole = torch.cat([ordered[..., : plan.roots, :], local], dim=-2)
     return whole.index_select(-2, plan.places)
