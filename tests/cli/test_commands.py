@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -60,6 +61,34 @@ def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("clips") / "walk.bvh"
     write_clip(make_clip(0, fps=50.0, seconds=3.0), path)
     return path
+
+
+@pytest.mark.parametrize(
+    ("verb", "lacking", "extra"),
+    [
+        (["train", "quaternet-vel-small"], "lightning", "posecast[train]"),
+        (["demo"], "lightning", "posecast[train]"),
+        (["demo"], "matplotlib.figure", "posecast[video]"),
+        (["demo"], "PIL.Image", "posecast[video]"),
+        (["view", "WALK", "--out", "walk.png"], "matplotlib.figure", "posecast[video]"),
+    ],
+)
+def test_what_is_not_installed_is_named_before_any_work(
+    posecast: Callable[..., Outcome],
+    walk: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    verb: list[str],
+    lacking: str,
+    extra: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setitem(sys.modules, lacking, None)
+    outcome = posecast(*[walk if word == "WALK" else word for word in verb])
+    assert outcome.code == 2
+    assert f"is not installed; pip install {extra}" in outcome.err
+    assert outcome.err.count("\n") == 1
+    assert not list(tmp_path.iterdir())
 
 
 def test_every_verb_is_there_and_its_help_ends_with_an_example() -> None:

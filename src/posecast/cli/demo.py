@@ -18,6 +18,8 @@ from posecast.motion import Clip
 from posecast.motion.corpus import Corpus
 from posecast.recipe import load_recipe
 from posecast.system import System, load, train
+from posecast.training.plan import require_lightning
+from posecast.viewer.canvas import optional
 
 RECIPE = "quaternet-vel-small"
 CURVE_MS = tuple(range(40, 1001, 40))
@@ -33,7 +35,11 @@ def run_demo(folder: Path, overrides: Sequence[str] = ()) -> None:
 
     Raises:
         DataError: the folder cannot be written.
+        ConfigError: an override that does not fit, or Lightning or Matplotlib is not installed.
     """
+    require_lightning()
+    for drawing in ("matplotlib.figure", "PIL.Image"):
+        optional(drawing)
     began = time.monotonic()
     recipe = load_recipe(RECIPE, overrides)
     say("1/4 making the synthetic corpus")

@@ -95,8 +95,9 @@ def train(
     """Train a system; writes checkpoints to OUT/last and OUT/best, logs beside them."""
     from posecast.recipe import load_recipe
     from posecast.system import train as train_system
-    from posecast.training.plan import Machines
+    from posecast.training.plan import Machines, require_lightning
 
+    require_lightning()
     chosen = load_recipe(recipe, overrides or (), corpus=corpus)
     machines = Machines(accelerator, devices or "auto", nodes or "auto")
     data = read_corpus(chosen, root)

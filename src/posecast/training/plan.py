@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
 from dataclasses import dataclass
 from typing import Literal
@@ -114,6 +115,18 @@ class Machines:
         if self.nodes != "auto":
             return self.nodes
         return started[0] // started[1] if started else 1
+
+
+def require_lightning() -> None:
+    """Ask for the one part of training that not everybody has, before any data is read.
+
+    Raises:
+        ConfigError: Lightning is not installed.
+    """
+    if importlib.util.find_spec("lightning") is None:
+        raise ConfigError(
+            "training needs Lightning, which is not installed; pip install posecast[train]"
+        )
 
 
 def _torchrun() -> tuple[int, int] | None:

@@ -21,7 +21,7 @@ from posecast.motion.corpus import Corpus
 from posecast.training.feeding import Feed
 from posecast.training.keeping import STATE, Best, Keeper, Save, Validate
 from posecast.training.losses import Objective
-from posecast.training.plan import Machines, Plan
+from posecast.training.plan import Machines, Plan, require_lightning
 from posecast.training.sampling import EveryRecording, Sampling, Windows
 from posecast.training.state import (
     TrainingState,
@@ -99,10 +99,11 @@ def fit(
 
     Raises:
         ConfigError: parts that do not fit, a folder that holds a run which is not to be resumed,
-            a state of a run with other settings, or a loss that is no longer finite.
+            a state of a run with other settings, a loss that is no longer finite, or no Lightning.
         DataError: the folder cannot be written, or its state is damaged.
         SkeletonError: forecaster and corpus are of different skeletons.
     """
+    require_lightning()
     objective.check(forecaster.codec)
     if corpus.skeleton != forecaster.codec.skeleton:
         raise SkeletonError(
