@@ -54,10 +54,9 @@ def channels_to_quaternion(
         rows = degrees[start : start + _CHUNK]
         if np.abs(rows).max(initial=0) > 3600:
             rows = np.fmod(rows, 360)  # exact, while a large argument of sin is not
-        half = torch.from_numpy(rows) * (np.pi / 360)
-        cosines, sines = torch.cos(half).numpy(), torch.sin(half).numpy()
         for axes, columns, members in todo:
-            turns = [(cosines[:, column], sines[:, column]) for column in columns]
+            halves = [torch.from_numpy(rows[:, column] * (np.pi / 360)) for column in columns]
+            turns = [(torch.cos(half).numpy(), torch.sin(half).numpy()) for half in halves]
             if len(axes) == 3 and len(set(axes)) == 3:
                 product = _three_turns(turns, axes)
             else:

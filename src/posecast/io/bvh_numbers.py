@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from os import PathLike
 
 import numpy as np
@@ -10,12 +11,16 @@ from numpy.typing import NDArray
 from posecast.errors import DataError
 from posecast.io.bvh_document import BvhJoint
 from posecast.io.bvh_hierarchy import is_number, not_a_number
+from posecast.io.number_block import NumberBlock, parse_block
+
+_INK = re.compile(rb"\S")
 
 
 def parse_numbers(
     path: str | PathLike[str],
-    block: bytes,
+    data: bytes,
     *,
+    begin: int,
     first_line: int,
     joints: tuple[BvhJoint, ...],
     declared: int,
@@ -24,8 +29,9 @@ def parse_numbers(
 
     Args:
         path: of the file, for messages.
-        block: what follows the frame time.
-        first_line: line of the file on which the block starts, counted from 1.
+        data: the file.
+        begin: where the numbers start in it, after the frame time.
+        first_line: line of the file on which they start, counted from 1.
         joints: their channels are the columns.
         declared: number of frames the file announces. It decides only whether lines that are not
             rows are rows wrapped over several lines.
@@ -36,20 +42,31 @@ def parse_numbers(
     columns = sum(len(joint.channels) for joint in joints)
     if not columns:
         raise DataError(path, "no joint has channels, so the file holds no motion; export again")
-    if not block or block.isspace():
+    if not _INK.search(data, begin):
         raise DataError(
             path, f"no frames after the frame time, expected {declared}; the file is cut off",
             first_line,
         )  # fmt: skip
+    parsed = parse_block(data, begin)
+    if parsed is not None and _is_rows(parsed, columns):
+        return parsed.numbers.reshape(-1, columns)
     # Latin-1 maps every byte to one character, so positions and speed are those of the bytes.
-    lines = block.decode("latin-1").split("\n")
-    try:
-        values = np.loadtxt(lines, comments=None, ndmin=2)
-    except ValueError:
-        return _Block(path, lines, first_line, joints).rows(columns, declared)
-    if values.shape[1] != columns or not np.isfinite(values).all():
-        return _Block(path, lines, first_line, joints).rows(columns, declared)
-    return values
+    lines = data[begin:].decode("latin-1").split("\n")
+    if parsed is None:
+        try:
+            values = np.loadtxt(lines, comments=None, ndmin=2)
+        except ValueError:
+            pass
+        else:
+            if values.shape[1] == columns and np.isfinite(values).all():
+                return values
+    return _Block(path, lines, first_line, joints).rows(columns, declared)
+
+
+def _is_rows(block: NumberBlock, columns: int) -> bool:
+    """Whether every line has one number for each column, blank lines apart."""
+    steps = np.diff(block.line_ends, prepend=0, append=len(block.numbers))
+    return bool(((steps == columns) | (steps == 0)).all())
 
 
 class _Block:

@@ -53,7 +53,8 @@ def read_bvh_document(path: str | PathLike[str]) -> BvhDocument:
     declared, frame_time, begin = _parse_motion_header(path, data, motion.end())
     values = parse_numbers(
         path,
-        data[begin:],
+        data,
+        begin=begin,
         first_line=data.count(b"\n", 0, begin) + 1,
         joints=joints,
         declared=declared,
