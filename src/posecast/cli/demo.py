@@ -38,7 +38,7 @@ def run_demo(folder: Path, overrides: Sequence[str] = ()) -> None:
         ConfigError: an override that does not fit, or Lightning or Matplotlib is not installed.
     """
     require_lightning()
-    for drawing in ("matplotlib.figure", "PIL.Image"):
+    for drawing in ("PIL.Image", "matplotlib.figure"):
         optional(drawing)
     began = time.monotonic()
     recipe = load_recipe(RECIPE, overrides)
