@@ -187,6 +187,16 @@ def test_doctor_reports_on_a_folder(posecast: Callable[..., Outcome], walk: Path
     assert isinstance(json.loads(posecast("doctor", walk.parent, "--json").out), dict)
 
 
+def test_doctor_tells_scripts_of_files_that_cannot_be_read(
+    posecast: Callable[..., Outcome], walk: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "good.bvh").write_bytes(walk.read_bytes())
+    (tmp_path / "cut.bvh").write_bytes(walk.read_bytes()[:500])
+    outcome = posecast("doctor", tmp_path)
+    assert outcome.code == 1
+    assert "cut.bvh" in outcome.out
+
+
 def test_view_draws_a_strip(posecast: Callable[..., Outcome], walk: Path, tmp_path: Path) -> None:
     assert posecast("view", walk, walk, "--out", tmp_path / "walk.png").code == 0
     assert (tmp_path / "walk.png").read_bytes()[:4] == b"\x89PNG"

@@ -78,7 +78,10 @@ def doctor(
     path: Annotated[Path, typer.Argument(help="A folder of motion capture, or one file.")],
     as_json: JsonOption = False,
 ) -> None:
-    """Say which corpus a folder is, what is missing, what looks wrong, and what to do."""
+    """Say which corpus a folder is, what is missing, what looks wrong, and what to do.
+
+    Exit code 1 if there is nothing to read or a finding is an error.
+    """
     from posecast.corpora.doctor import examine
 
     with progress_bar("examining") as advance:
@@ -87,6 +90,8 @@ def doctor(
         print_json(report.to_json())
     else:
         typer.echo(report.text())
+    if not report.is_sound:
+        raise typer.Exit(1)
 
 
 def view(
