@@ -5,7 +5,7 @@ NumPy has no fast parser of numbers, but arithmetic on arrays of characters goes
 * For every character of the text, the number that the two and the four digits from there on make
   is found by doubling, with a zero for each digit that is missing: in ``7.318 ``, the four
   digits after the point make 3180. So is the number of digits in a row. These are a few
-  operations on bytes, sixty-four at a time.
+  operations on bytes, of which a processor does dozens at a time.
 * A number is then looked up: up to four digits before the point, twice four after it.
 * ``8.84623e-15`` is 884623 / 10**20. Both are exact in float64, so their one division rounds the
   true value once, and the result is that of ``float``. This holds for integers up to 2**53 and
@@ -169,12 +169,10 @@ def _usual_numbers(characters: Bytes, starts: Places, ends: Places) -> tuple[Flo
     place += before
     place += characters.take(place, mode="clip") == _POINT
     after = digits.run.take(place, mode="clip")
-    fours = digits.fours.take(place, mode="clip").astype(np.float64)
-    fours *= 10000
-    integers += fours
-    fours = digits.fours.take(place + 4, mode="clip")
-    fours *= after > 4
-    integers += fours
+    decimals = digits.fours.take(place, mode="clip").astype(np.uint32)
+    decimals *= np.uint32(10000)
+    decimals += digits.fours[4:].take(place, mode="clip") * (after > 4)
+    integers += decimals
     place += after
     numbers = integers / _SCALE
     odd = (before > _MOST_BEFORE) | ((before | after) == 0)
@@ -200,10 +198,9 @@ def _negative_exponents(
     """The two digits in each ``e-15``, and which of the texts are of that form."""
     good = ends - starts == len("e-15")
     good &= (characters.take(starts, mode="clip") | 0x20) == _E
-    good &= characters.take(starts + 1, mode="clip") == _MINUS
-    starts = starts + 2
-    good &= digits.run.take(starts, mode="clip") == 2
-    return digits.pairs.take(starts, mode="clip"), good
+    good &= characters[1:].take(starts, mode="clip") == _MINUS
+    good &= digits.run[2:].take(starts, mode="clip") == 2
+    return digits.pairs[2:].take(starts, mode="clip"), good
 
 
 def _quotients(integers: Floats, power: Bytes) -> tuple[Floats, Flags]:
