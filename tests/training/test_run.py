@@ -201,6 +201,12 @@ def test_a_run_is_not_resumed_with_another_network(tiny, whole):
         tiny.train(whole[0], epochs=EPOCHS, resume=True, forecaster=other)
 
 
+def test_an_accelerator_that_is_not_there_is_one_line_of_error(tiny, tmp_path):
+    with pytest.raises(ConfigError, match=r"accelerator 'abacus'.*leave them out") as caught:
+        tiny.train(tmp_path, epochs=2, accelerator="abacus")
+    assert "\n" not in str(caught.value)
+
+
 @pytest.mark.parametrize("content", [b"", b"\x08\0\0\0\0\0\0\0{}      ", b"x" * 1000])
 def test_a_damaged_state_is_named(tiny, tmp_path, content):
     (tmp_path / STATE).write_bytes(content)

@@ -64,6 +64,14 @@ def test_a_strategy_that_would_split_the_weights_is_refused():
         Machines(strategy="fsdp")
 
 
+@pytest.mark.parametrize("count", [0, -1])
+def test_fewer_than_one_device_or_machine_is_refused(count):
+    with pytest.raises(ConfigError, match=f"devices is {count}; expected 1 or more"):
+        Machines(devices=count)
+    with pytest.raises(ConfigError, match=f"nodes is {count}; expected 1 or more"):
+        Machines(nodes=count)
+
+
 def test_devices_and_nodes_are_those_that_torchrun_started(monkeypatch):
     for name in ("TORCHELASTIC_RUN_ID", "WORLD_SIZE", "LOCAL_WORLD_SIZE"):
         monkeypatch.delenv(name, raising=False)

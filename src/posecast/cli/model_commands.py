@@ -99,7 +99,11 @@ def train(
 
     require_lightning()
     chosen = load_recipe(recipe, overrides or (), corpus=corpus)
-    machines = Machines(accelerator, devices or "auto", nodes or "auto")
+    machines = Machines(
+        accelerator,
+        "auto" if devices is None else devices,
+        "auto" if nodes is None else nodes,
+    )
     data = read_corpus(chosen, root)
     result = train_system(chosen, data, out, machines=machines, resume=resume, progress=not quiet)
     if not result.is_main_process:

@@ -101,6 +101,9 @@ class Machines:
             raise ConfigError(
                 f"strategy {self.strategy!r} is unknown; choose among: {', '.join(STRATEGIES)}"
             )
+        for name, count in (("devices", self.devices), ("nodes", self.nodes)):
+            if count != "auto" and count < 1:
+                raise ConfigError(f"{name} is {count}; expected 1 or more, or none to take all")
 
     @property
     def processes(self) -> int | Literal["auto"]:

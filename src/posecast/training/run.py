@@ -69,6 +69,7 @@ def fit(
     folder: Path,
     sampling: Sampling | None = None,
     machines: Machines | None = None,
+    origin: Mapping[str, Any] | None = None,
     validate: Validate | None = None,
     save: Save | None = None,
     resume: bool = False,
@@ -91,6 +92,8 @@ def fit(
         folder: for checkpoints, logs and the state; made if it is not there.
         sampling: which recordings an epoch sees; ``None``: every one once.
         machines: processes and devices; ``None``: as found.
+        origin: what the forecaster and the corpus were built from, plain values by name; a run is
+            only resumed with the same. ``None``: nothing to compare but the shapes of the weights.
         validate: called in the main process only; decides which checkpoint is the best.
         save: called in the main process only, for ``folder / "last"`` and ``folder / "best"``.
         resume: go on from the state in ``folder``, if there is one.
@@ -121,7 +124,7 @@ def fit(
         mirror=plan.mirror,
         dtype=next(forecaster.parameters()).dtype,
     )
-    settings = _settings(plan, objective, feed, sampling, corpus)
+    settings = _settings(plan, objective, feed, sampling, corpus, origin or {})
     begin = _begin(forecaster, plan, settings, folder, resume=resume)
     keeper = Keeper(
         forecaster, plan, folder, settings=settings, begin=begin, validate=validate, save=save
@@ -146,7 +149,12 @@ def fit(
 
 
 def _settings(
-    plan: Plan, objective: Objective, feed: Feed, sampling: Sampling, corpus: Corpus
+    plan: Plan,
+    objective: Objective,
+    feed: Feed,
+    sampling: Sampling,
+    corpus: Corpus,
+    origin: Mapping[str, Any],
 ) -> dict[str, Any]:
     """What decides the outcome, as JSON would give it back."""
     numbers = asdict(plan)
@@ -155,6 +163,7 @@ def _settings(
         del numbers[name]
     training = [corpus.frames[index] for index in corpus.indices("train")]
     settings = {
+        **origin,
         **numbers,
         "loss": {"terms": dict(objective.terms), "order": objective.order},
         "feed": repr(feed),
@@ -228,26 +237,35 @@ def _trainer(
     loggers: Sequence[Logger] | None,
 ) -> Trainer:
     """A Lightning trainer that counts epochs and steps, and leaves everything else to us."""
+    from lightning.fabric.utilities.exceptions import MisconfigurationException
     from lightning.pytorch import Trainer
     from lightning.pytorch.loggers import TensorBoardLogger
 
     done = 0 if begin is None else begin.epoch
     if loggers is None and importlib.util.find_spec("tensorboard"):
         loggers = [TensorBoardLogger(folder, name="", version="tensorboard", purge_step=done + 1)]
-    return Trainer(
-        accelerator=machines.accelerator,
-        devices=machines.processes,
-        num_nodes=machines.machines,
-        strategy=machines.strategy,
-        max_epochs=plan.epochs - done,
-        logger=list(loggers or ()),
-        log_every_n_steps=1,
-        default_root_dir=folder,
-        enable_checkpointing=False,
-        enable_progress_bar=False,
-        enable_model_summary=False,
-        use_distributed_sampler=False,
-    )
+    try:
+        return Trainer(
+            accelerator=machines.accelerator,
+            devices=machines.processes,
+            num_nodes=machines.machines,
+            strategy=machines.strategy,
+            max_epochs=plan.epochs - done,
+            logger=list(loggers or ()),
+            log_every_n_steps=1,
+            default_root_dir=folder,
+            enable_checkpointing=False,
+            enable_progress_bar=False,
+            enable_model_summary=False,
+            use_distributed_sampler=False,
+        )
+    except (MisconfigurationException, TypeError, ValueError) as error:
+        # Lightning looks for the devices here, and each of its accelerators says no in its own way.
+        reason = " ".join(str(error).split())
+        raise ConfigError(
+            f"accelerator {machines.accelerator!r}, devices {machines.devices}, "
+            f"nodes {machines.nodes}: {reason}; leave them out to take what there is"
+        ) from None
 
 
 def _run(trainer: Trainer, module: TrainingModule, keeper: Keeper, *, progress: bool) -> None:
