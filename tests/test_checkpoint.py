@@ -95,7 +95,10 @@ def test_a_recipe_that_asks_for_python_objects_is_refused(
         ({"format": None}, "checkpoint format None"),
         ({"skeleton": {"names": ["a"], "parents": [3]}}, "damaged"),
         ({"offsets": [[0, 0]]}, "damaged"),
+        ({"offsets": []}, "damaged"),
+        ({"offsets": [[0, 0, float("nan")]] * 2}, "damaged"),
         ({"fps": "many"}, "damaged"),
+        ({"skeleton": {"names": ["a"], "parents": [float("inf")]}}, "damaged"),
     ],
 )
 def test_damaged_facts_are_one_line_of_error(
@@ -107,6 +110,23 @@ def test_damaged_facts_are_one_line_of_error(
     with pytest.raises(DataError, match=message) as caught:
         load_checkpoint(tmp_path / "best")
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["recipe.yaml", "checkpoint.json"])
+def test_a_file_nested_without_end_is_one_line_of_error(
+    checkpoint: Checkpoint, tmp_path: Path, name: str
+) -> None:
+    save_checkpoint(checkpoint, tmp_path / "best")
+    (tmp_path / "best" / name).write_text("[" * 100_000)
+    with pytest.raises(DataError, match="nested too deep"):
+        load_checkpoint(tmp_path / "best")
+
+
+def test_where_there_is_no_best_the_last_is_named(checkpoint: Checkpoint, tmp_path: Path) -> None:
+    save_checkpoint(checkpoint, tmp_path / "last")
+    for wrong in (tmp_path, tmp_path / "best"):
+        with pytest.raises(DataError, match=f"take {tmp_path / 'last'}$"):
+            load_checkpoint(wrong)
 
 
 def test_a_folder_that_is_no_checkpoint_says_what_was_expected(tmp_path: Path) -> None:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import pytest
 import torch
 import yaml
 
+from posecast.config import merge, parse_overrides
 from posecast.corpora.synthetic import synthetic
 from posecast.errors import ConfigError, DataError
 from posecast.motion.corpus import Corpus
@@ -96,18 +98,48 @@ def test_another_seed_gives_other_weights(
     assert any(not torch.equal(first[name], second[name]) for name in first)
 
 
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ("model.residual=add", "model.residual was 'compose', now 'add'"),
+        ("model.input_dropout=0.2", "model.input_dropout was None, now 0.2"),
+        ("codec.standardize=variance", "codec.standardize was 'deviation', now 'variance'"),
+    ],
+)
+def test_a_run_is_not_resumed_as_another_system_whose_weights_would_fit(
+    recipe: Recipe, corpus: Corpus, run: Path, changed: str, message: str
+) -> None:
+    other = Recipe(merge(recipe.config, parse_overrides([changed, "training.epochs=3"])))
+    with pytest.raises(ConfigError, match=re.escape(message)):
+        train(other, corpus, run, resume=True, progress=False)
+
+
+def test_weights_that_are_no_numbers_are_refused(run: Path, tmp_path: Path) -> None:
+    system = load(run / "best")
+    with torch.no_grad():
+        next(system.forecaster.parameters())[0] = float("nan")
+    save(system, tmp_path / "sick")
+    with pytest.raises(DataError, match=r"weight .* has values that are no numbers"):
+        load(tmp_path / "sick")
+
+
 def test_a_corpus_at_another_rate_is_refused(recipe: Recipe, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="works at 25 frames per second, the corpus has 30"):
         train(recipe, synthetic(fps=30.0, clips=6, seconds=3.0), tmp_path, progress=False)
 
 
-def test_weights_of_another_size_are_refused_in_one_line(run: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("hidden", [17, 10**9])
+def test_weights_of_another_size_are_refused_in_one_line(
+    run: Path, tmp_path: Path, hidden: int
+) -> None:
     save(load(run / "best"), tmp_path / "copy")
     path = tmp_path / "copy" / "recipe.yaml"
     config = yaml.safe_load(path.read_text())
-    config["model"]["backbone"]["hidden"] = 17
+    config["model"]["backbone"]["hidden"] = hidden
     path.write_text(yaml.safe_dump(config))
-    with pytest.raises(DataError, match="do not fit the recipe") as caught:
+    with pytest.raises(
+        (ConfigError, DataError), match=r"do not fit the recipe|check its sizes"
+    ) as caught:
         load(tmp_path / "copy")
     assert "\n" not in str(caught.value)
 

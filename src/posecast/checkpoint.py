@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import shutil
 import tempfile
 from collections.abc import Mapping
@@ -113,7 +114,7 @@ def load_checkpoint(folder: Path) -> Checkpoint:
             raise DataError(
                 folder,
                 f"not a checkpoint: expected a folder with {RECIPE}, {FACTS} and {WEIGHTS}; "
-                "posecast train writes them to RUN/best and RUN/last",
+                + _checkpoints_near(folder),
             )
         folder = previous
     facts = _read_facts(folder / FACTS)
@@ -127,12 +128,14 @@ def load_checkpoint(folder: Path) -> Checkpoint:
     try:
         tensors = load_tensors(weights)
         recipe = yaml.safe_load((folder / RECIPE).read_text("utf-8"))
+    except RecursionError:
+        raise DataError(folder / RECIPE, "brackets nested too deep for a recipe") from None
     except (SafetensorError, yaml.YAMLError, UnicodeDecodeError) as error:
         raise DataError(folder, f"damaged: {' '.join(str(error).split())}") from None
     if not isinstance(recipe, dict):
         raise DataError(folder / RECIPE, "expected a mapping of keys to values")
     try:
-        return Checkpoint(
+        checkpoint = Checkpoint(
             recipe=recipe,
             skeleton=Skeleton(
                 tuple(str(name) for name in facts["skeleton"]["names"]),
@@ -143,14 +146,34 @@ def load_checkpoint(folder: Path) -> Checkpoint:
             tensors=tensors,
             progress=dict(facts["progress"]),
         )
-    except (KeyError, TypeError, ValueError, SkeletonError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError, SkeletonError) as error:
         raise DataError(folder / FACTS, f"damaged ({error}); copy the folder again") from None
+    body = [number for offset in checkpoint.offsets for number in offset]
+    if len(body) != 3 * len(checkpoint.skeleton) or not all(map(math.isfinite, body)):
+        raise DataError(
+            folder / FACTS,
+            f"damaged (offsets of {len(checkpoint.offsets)} joints, {len(checkpoint.skeleton)} "
+            "expected, all finite); copy the folder again",
+        )
+    return checkpoint
+
+
+def _checkpoints_near(folder: Path) -> str:
+    """What to do about a folder that is no checkpoint: the ones inside it, or beside it."""
+    names = ("best", "last")
+    near = [place / name for place in (folder, folder.parent) for name in names]
+    found = [str(place) for place in near if is_checkpoint(place)]
+    if found:
+        return f"take {' or '.join(found)}"
+    return "posecast train writes RUN/last, and RUN/best where there are validation clips"
 
 
 def _read_facts(path: Path) -> dict[str, Any]:
     """The JSON file, its format checked."""
     try:
         facts = json.loads(path.read_text("utf-8"))
+    except RecursionError:
+        raise DataError(path, "brackets nested too deep for what a checkpoint says") from None
     except (json.JSONDecodeError, UnicodeDecodeError) as error:
         raise DataError(path, f"not valid JSON ({error})") from None
     found = facts.get("format") if isinstance(facts, dict) else None

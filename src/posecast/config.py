@@ -163,7 +163,7 @@ def pick_kind(
     if not isinstance(section, Mapping) or "kind" not in section:
         raise ConfigError(f"{where}: expected a section with 'kind', one of {', '.join(table)}")
     kind = section["kind"]
-    if kind not in table:
+    if not isinstance(kind, str) or kind not in table:
         raise ConfigError(f"{where}.kind: unknown {kind!r}; {did_you_mean(str(kind), table)}")
     return table[kind], {key: value for key, value in section.items() if key != "kind"}
 
@@ -188,12 +188,14 @@ def _fits(value: Any, hint: Any) -> bool:
     if hint is Path:
         return isinstance(value, str)
     container = origin or hint
+    parts = typing.get_args(hint)
     if inspect.isclass(container):
         if issubclass(container, Mapping):
-            return isinstance(value, Mapping)
+            items = value.values() if isinstance(value, Mapping) else None
+            return items is not None and (not parts or all(_fits(i, parts[1]) for i in items))
         if issubclass(container, Collection):
-            return isinstance(value, list | tuple) or (
-                issubclass(container, set | frozenset) and isinstance(value, list)
+            return isinstance(value, list | tuple) and (
+                not parts or all(_fits(item, parts[0]) for item in value)
             )
     return True
 
@@ -207,4 +209,9 @@ def _describe(hint: Any) -> str:
         return "one of " + ", ".join(repr(option) for option in typing.get_args(hint))
     if hint is type(None):
         return "null"
+    container, parts = origin or hint, typing.get_args(hint)
+    if inspect.isclass(container) and issubclass(container, Mapping) and len(parts) == 2:
+        return f"keys, each with {_describe(parts[1])}"
+    if inspect.isclass(container) and issubclass(container, Collection) and parts:
+        return f"a list, each item {_describe(parts[0])}"
     return _TYPE_NAMES.get(hint, str(getattr(hint, "__name__", hint)))

@@ -33,6 +33,7 @@ from posecast.training.losses import Objective
 from posecast.training.plan import Plan
 from posecast.training.sampling import SAMPLINGS, Sampling
 
+MOST_FPS = 10_000
 RECIPES = Path(__file__).parent / "recipes"
 TEXTS = ("name", "summary", "source", "expect")
 SECTIONS = ("fps", "corpus", "representation", "codec", "model", "training", "protocol")
@@ -70,9 +71,10 @@ class Recipe:
         for section in SECTIONS[1:]:
             if not isinstance(config[section], Mapping):
                 raise ConfigError(f"{self._at(section)}: found {config[section]!r}, expected keys")
-        if not isinstance(self.config["fps"], int | float) or not self.fps > 0:
+        fps = config["fps"]
+        if isinstance(fps, bool) or not isinstance(fps, int | float) or not 0 < fps <= MOST_FPS:
             raise ConfigError(
-                f"{self.name}.fps: found {config['fps']!r}, expected a positive number"
+                f"{self.name}.fps: found {fps!r}, expected a positive number, at most {MOST_FPS}"
             )
         self._check_kind(CORPORA, "corpus", COMMON)
         self._check_kind(REPRESENTATIONS, "representation", ("skeleton",))
@@ -92,11 +94,10 @@ class Recipe:
         check_call(Plan, self._without("training", TRAINING_PARTS), where=self._at("training"))
         self._check_kind(FEEDS, "training.feed")
         self._check_kind(SAMPLINGS, "training.sampling")
-        check_call(
-            Objective, self._section("training.objective"), where=self._at("training.objective")
-        )
-        # Built here only for their own checks: all three are small values.
+        check_call(Objective, self._objective, where=self._at("training.objective"))
+        # Built here only for their own checks: all five are small values.
         _ = self.plan, self.feed, self.sampling, self.objective, self.protocol
+        self._check_network()
 
     @property
     def name(self) -> str:
@@ -126,12 +127,23 @@ class Recipe:
     @property
     def objective(self) -> Objective:
         """What training descends."""
+        return self._named("training.objective", lambda: Objective(**self._objective))
+
+    @property
+    def _objective(self) -> dict[str, Any]:
+        """The arguments of the objective; a weight of null leaves out an extended recipe's term."""
         section = dict(self._section("training.objective"))
-        # A weight of null leaves out a term that the extended recipe has.
-        section["terms"] = {
-            term: weight for term, weight in section["terms"].items() if weight is not None
-        }
-        return self._named("training.objective", lambda: Objective(**section))
+        terms = section.get("terms")
+        if isinstance(terms, Mapping):
+            section["terms"] = {key: weight for key, weight in terms.items() if weight is not None}
+        return section
+
+    @property
+    def origin(self) -> dict[str, Any]:
+        """What the corpus and the network are built from, by dotted names."""
+        return _flat(
+            {key: self.config[key] for key in SECTIONS if key not in ("training", "protocol")}
+        )
 
     @property
     def protocol(self) -> Protocol:
@@ -188,6 +200,25 @@ class Recipe:
             **self._without("model", MODEL_PARTS),
         )
 
+    def outline(self, codec: Codec) -> Forecaster:
+        """The network's shapes without its values: nothing is allocated, whatever its size.
+
+        Raises:
+            ConfigError: sizes that no network can have.
+        """
+        try:
+            with torch.device("meta"):
+                return self._named("model", lambda: self.build_forecaster(codec))
+        except (ValueError, RuntimeError) as error:
+            reason = " ".join(str(error).split())
+            raise ConfigError(f"{self._at('model')}: {reason}; check its sizes") from None
+
+    def _check_network(self) -> None:
+        """Let the parts of the network be checked together, on a skeleton that is always there."""
+        codec = self._named("codec", lambda: self.build_codec(named_skeleton("h36m-32").skeleton))
+        self.outline(codec)
+        self._named("training.objective", lambda: self.objective.check(codec))
+
     def _section(self, place: str) -> Mapping[str, Any]:
         """The section at a dotted place."""
         found: Any = self.config
@@ -232,8 +263,7 @@ def count_parameters(recipe: Recipe) -> int | None:
     kind = recipe.config["corpus"]["kind"]
     if kind not in CORPUS_SKELETONS:
         return None
-    with torch.device("meta"):
-        forecaster = recipe.build_forecaster(recipe.build_codec(CORPUS_SKELETONS[kind]()))
+    forecaster = recipe.outline(recipe.build_codec(CORPUS_SKELETONS[kind]()))
     return sum(weight.numel() for weight in forecaster.parameters())
 
 
@@ -284,6 +314,17 @@ def _resolve(path: Path) -> dict[str, Any]:
             f"extend {base['extends']!r} instead"
         )
     return merge(base, own)
+
+
+def _flat(section: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Nested keys as dotted ones."""
+    flat: dict[str, Any] = {}
+    for key, value in section.items():
+        if isinstance(value, Mapping):
+            flat |= _flat(value, f"{prefix}{key}.")
+        else:
+            flat[prefix + key] = value
+    return flat
 
 
 def _codec(

@@ -95,13 +95,11 @@ def load(folder: str | Path) -> System:
             raise DataError(
                 folder, f"statistics {sorted(statistics)}; expected mean, scale"
             ) from None
+    weights = _part(checkpoint.tensors, WEIGHTS)
+    _check_weights(weights, recipe.outline(codec).state_dict(), folder)
     with torch.random.fork_rng(devices=[]):  # the weights drawn here are replaced at once
         forecaster = recipe.build_forecaster(codec)
-    try:
-        forecaster.load_state_dict(_part(checkpoint.tensors, WEIGHTS))
-    except RuntimeError as error:
-        reason = " ".join(str(error).split())
-        raise DataError(folder, f"the weights do not fit the recipe: {reason}") from None
+    forecaster.load_state_dict(weights)
     forecaster.eval()
     return System(recipe, forecaster, checkpoint.offsets, checkpoint.progress)
 
@@ -184,11 +182,44 @@ def train(
         sampling=recipe.sampling,
         folder=folder,
         machines=machines,
+        origin=recipe.origin,
         validate=validate if corpus.splits.get("validation") else None,
         save=write,
         resume=resume,
         progress=progress,
     )
+
+
+def _check_weights(
+    found: Mapping[str, torch.Tensor], expected: Mapping[str, torch.Tensor], folder: str | Path
+) -> None:
+    """Refuse weights that the network has no place for, lacks, or could not compute with.
+
+    Raises:
+        DataError: naming up to three of them.
+    """
+    wrong = [
+        f"{name} is {_shape(found.get(name))}, expected {_shape(expected.get(name))}"
+        for name in sorted({*found, *expected})
+        if _shape(found.get(name)) != _shape(expected.get(name))
+    ]
+    if wrong:
+        more = f"; and {len(wrong) - 3} more" if len(wrong) > 3 else ""
+        raise DataError(
+            folder,
+            f"the weights do not fit the recipe: {'; '.join(wrong[:3])}{more}; copy the folder "
+            "again, or train anew",
+        )
+    for name, values in found.items():
+        if not torch.isfinite(values).all():
+            raise DataError(
+                folder, f"weight {name} has values that are no numbers; the run went wrong"
+            )
+
+
+def _shape(values: torch.Tensor | None) -> str:
+    """The shape of a tensor in words."""
+    return "missing" if values is None else "x".join(map(str, values.shape)) or "one number"
 
 
 def _summary(scores: Scores) -> dict[str, float]:

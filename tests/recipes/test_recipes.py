@@ -87,6 +87,22 @@ def test_every_key_of_a_recipe_is_checked_for_spelling(name: str) -> None:
         ("fps=0", "fps: found 0, expected a positive number"),
         ("model=3", "model: found 3, expected keys"),
         ("corpus.kind=h36", "corpus.kind: unknown 'h36'; did you mean 'h36m'?"),
+        ("corpus.kind=[1]", "corpus.kind: unknown [1]"),
+        ("fps=1e9", "fps: found 1000000000.0, expected a positive number, at most 10000"),
+        ("fps=true", "fps: found True, expected a positive number"),
+        (
+            "training.objective.terms.euler=x",
+            "found {'euler': 'x', 'penalty': 0.01}, expected keys",
+        ),
+        ("training.objective.order=abc", "training.objective: order 'abc' is unknown"),
+        (
+            "protocol.horizons_ms=[soon]",
+            "found ['soon'], expected a list, each item a whole number",
+        ),
+        ("model.backbone.hidden=0", "model: hidden_size must be greater than zero"),
+        ("model.head.hidden=0", "model: head.hidden is 0; expected 1 or more"),
+        ("model.projection_activation=relu", "model: projection_activation: 'relu' follows"),
+        ("codec.root=displacement", "training.objective: the codec writes 3 root channels"),
     ],
 )
 def test_a_mistake_stops_before_any_data_is_read(override: str, message: str) -> None:

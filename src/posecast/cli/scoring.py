@@ -45,7 +45,7 @@ def score_systems(
         data = _read(corpus, root, chosen.fps or BASELINE_FPS)
         return evaluate_predictors(BASELINES[names[0]], chosen, data, system=names[0], split=split)
     for name in names:
-        if not Path(name).is_dir():
+        if not Path(name).is_dir() and Path(name).name == name:  # a path: loading it says more
             raise ConfigError(
                 f"{name!r} is neither a checkpoint folder nor a baseline; "
                 f"{did_you_mean(name, BASELINES)}"

@@ -9,6 +9,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor, nn
 
+from posecast.errors import ConfigError
 from posecast.skeleton import Skeleton
 
 
@@ -42,12 +43,17 @@ class DenseHead(nn.Module):
         joint_dim: numbers a joint.
         hidden: units of the hidden layer (Aksan et al. 2019 use 960); ``None``: no hidden layer
             (Pavllo et al. 2018).
+
+    Raises:
+        ConfigError: a hidden layer without units.
     """
 
     def __init__(
         self, context_dim: int, skeleton: Skeleton, joint_dim: int, *, hidden: int | None = None
     ) -> None:
         super().__init__()
+        if hidden is not None and hidden < 1:
+            raise ConfigError(f"head.hidden is {hidden}; expected 1 or more, or null for no layer")
         self.joint_dim = joint_dim
         outputs = len(skeleton) * joint_dim
         self.hidden = None if hidden is None else nn.Linear(context_dim, hidden)

@@ -18,7 +18,7 @@ from torch import Tensor
 
 from posecast.config import did_you_mean
 from posecast.errors import ConfigError
-from posecast.geometry.euler import quaternion_to_euler
+from posecast.geometry.euler import ORDERS, quaternion_to_euler
 from posecast.representation.codec import Codec
 from posecast.skeleton import Skeleton
 from posecast.skeleton.kinematics import joint_positions
@@ -194,6 +194,10 @@ class Objective:
                 raise ConfigError(f"unknown loss {name!r}; {did_you_mean(name, LOSSES)}")
             if not weight > 0:
                 raise ConfigError(f"loss {name!r} has weight {weight}; expected more than 0")
+        if self.order not in ORDERS:
+            raise ConfigError(
+                f"order {self.order!r} is unknown; {did_you_mean(self.order, ORDERS)}"
+            )
 
     def check(self, codec: Codec) -> None:
         """Refuse a codec that these terms do not fit, before any training.
