@@ -291,7 +291,9 @@ def load_recipe(name: str, overrides: Iterable[str] = (), *, corpus: str | None 
     config = _resolve(path)
     if corpus is not None:
         config = merge(config, {"corpus": {"kind": corpus}})
-    return Recipe({"name": path.stem, **merge(config, parse_overrides(overrides))})
+    recipe = Recipe({"name": path.stem, **merge(config, parse_overrides(overrides))})
+    recipe.protocol.frames(recipe.fps)  # refuses now what could not be scored after training
+    return recipe
 
 
 def _resolve(path: Path) -> dict[str, Any]:

@@ -99,6 +99,8 @@ def test_every_key_of_a_recipe_is_checked_for_spelling(name: str) -> None:
             "protocol.horizons_ms=[soon]",
             "found ['soon'], expected a list, each item a whole number",
         ),
+        ("fps=50", "protocol 'h36m-128' is defined at 25 fps"),
+        ("protocol.horizons_ms=[90]", "90 ms is 2.25 frames at 25 fps"),
         ("model.backbone.hidden=0", "model: hidden_size must be greater than zero"),
         ("model.head.hidden=0", "model: head.hidden is 0; expected 1 or more"),
         ("model.projection_activation=relu", "model: projection_activation: 'relu' follows"),
