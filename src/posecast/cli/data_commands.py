@@ -95,7 +95,10 @@ def doctor(
 
 
 def view(
-    clips: Annotated[list[Path], typer.Argument(help="One or several clips, drawn side by side.")],
+    clips: Annotated[
+        list[Path],
+        typer.Argument(help="Clips, drawn side by side; the first of several is grey, the truth."),
+    ],
     out: Annotated[Path, typer.Option("--out", help="X.png (a strip), X.gif or X.mp4.")],
     fps: FpsOption = None,
     split_ms: Annotated[
