@@ -165,22 +165,24 @@ def _products(mask: list[bool]) -> Callable[[], object]:
     wide, narrow = torch.randn(steps * BATCH, gates), torch.randn(steps * BATCH, HIDDEN)
     context = narrow[: HORIZON * BATCH]
     answers = torch.randn(HORIZON * BATCH, 4 * JOINTS)
+    biases = {outputs: torch.zeros(outputs) for outputs in (gates, 4 * JOINTS)}
+    onto = {size: torch.zeros(steps * BATCH, size) for size in {*sizes, HIDDEN}}
 
     def call() -> None:
         for size, below, state in zip(sizes, inputs, states, strict=True):
             for number, length in enumerate(runs):
                 rows = length * BATCH
-                below.product(narrow[:rows, :size].contiguous())
+                below.product(narrow[:rows, :size].contiguous(), biases[gates])
                 if size == HIDDEN or number:
-                    below.transposed.product(wide[:rows])
+                    below.back(wide[:rows], onto[size][:rows])
             for _ in range(steps):
-                state.product(narrow[:BATCH])
-                state.transposed.product(wide[:BATCH])
+                state.product(narrow[:BATCH], biases[gates])
+                state.back(wide[:BATCH], onto[HIDDEN][:BATCH])
             with exact_products(wide):
                 wide.t() @ narrow
                 wide.t() @ narrow[:, :size]
-        output.product(context)
-        output.transposed.product(answers)
+        output.product(context, biases[4 * JOINTS])
+        output.back(answers, onto[HIDDEN][: len(answers)])
         answers.t() @ context
 
     return call

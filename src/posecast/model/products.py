@@ -11,17 +11,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import cached_property
+from functools import cache, cached_property
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
 FEW_ROWS = 256
-"""Up to this many rows, a product is limited by the weight that is read; packing it pays."""
+"""Up to this many rows, a product is limited by the weight that is read; its layout matters."""
 
-_HARDLY_ANY_ROWS = 4
-"""Below this many, MKL is the faster one on the processors that have AMX, all of them Intel's."""
+_HARDLY_ANY_ROWS, _SMALL_WEIGHT = 4, 1 << 18
+"""Below these, MKL is the faster one on the processors that have AMX, all of them Intel's."""
 
 
 class Weight:
@@ -34,26 +34,51 @@ class Weight:
 
     def __init__(self, matrix: Float[Tensor, "outputs inputs"]) -> None:
         self.matrix = matrix.detach()
-        least = _HARDLY_ANY_ROWS if _has_amx() else 1
-        self._packed_rows = range(least, FEW_ROWS + 1) if can_pack(matrix) else range(0)
+        # MKL is as fast as oneDNN where the weight need not be transposed on the way.
+        self._packs_back = can_pack(matrix) and not has_amx()
 
     def product(
-        self, rows: Float[Tensor, "rows inputs"], bias: Float[Tensor, " outputs"] | None = None
+        self, rows: Float[Tensor, "rows inputs"], bias: Float[Tensor, " outputs"]
     ) -> Float[Tensor, "rows outputs"]:
         """``rows @ matrix.T + bias``, without a gradient."""
-        if len(rows) in self._packed_rows:
-            return torch.ops.mkldnn._linear_pointwise(rows, self._packed, bias, "none", [], "")
+        if packing_pays(len(rows), like=self.matrix):
+            return _packed_product(rows, self._packed, bias)
         with exact_products(rows):
             return torch.nn.functional.linear(rows, self.matrix, bias)
 
-    @cached_property
-    def transposed(self) -> Weight:
-        """The matrix with rows and columns exchanged."""
-        return Weight(self.matrix.t().contiguous())
+    def back(
+        self, rows: Float[Tensor, "rows outputs"], onto: Float[Tensor, "rows inputs"]
+    ) -> Float[Tensor, "rows inputs"]:
+        """Add ``rows @ matrix`` to ``onto``, in place and without a gradient."""
+        if self._packs_back and len(rows) <= FEW_ROWS:
+            return onto.add_(_packed_product(rows, self._packed_transposed, None))
+        with exact_products(rows):
+            return onto.addmm_(rows, self.matrix)
 
     @cached_property
     def _packed(self) -> Tensor:
-        return torch.ops.mkldnn._reorder_linear_weight(self.matrix, FEW_ROWS)
+        return _pack(self.matrix)
+
+    @cached_property
+    def _packed_transposed(self) -> Tensor:
+        return _pack(self.matrix.t().contiguous())
+
+
+def _pack(matrix: Tensor) -> Tensor:
+    """A copy for ``_packed_product``."""
+    return torch.ops.mkldnn._reorder_linear_weight(matrix, FEW_ROWS)
+
+
+def _packed_product(rows: Tensor, packed: Tensor, bias: Tensor | None) -> Tensor:
+    """``rows @ matrix.T + bias`` with a packed matrix."""
+    return torch.ops.mkldnn._linear_pointwise(rows, packed, bias, "none", [], "")
+
+
+def packing_pays(rows: int, like: Tensor) -> bool:
+    """Whether products of so many rows with a weight such as ``like`` are faster with a copy."""
+    if rows > FEW_ROWS or not can_pack(like):
+        return False
+    return not has_amx() or (rows >= _HARDLY_ANY_ROWS and like.numel() >= _SMALL_WEIGHT)
 
 
 def can_pack(like: Tensor) -> bool:
@@ -62,12 +87,14 @@ def can_pack(like: Tensor) -> bool:
     The two operators are not part of PyTorch's public interface; where they are missing, products
     are as fast as ``torch.nn.functional.linear``.
     """
-    return (
-        like.device.type == "cpu"
-        and like.dtype == torch.float32
-        and torch.backends.mkldnn.is_available()
-        and hasattr(torch.ops.mkldnn, "_linear_pointwise")
-        and hasattr(torch.ops.mkldnn, "_reorder_linear_weight")
+    return like.device.type == "cpu" and like.dtype == torch.float32 and _has_packed_products()
+
+
+@cache
+def _has_packed_products() -> bool:
+    """Whether this build of PyTorch knows the two operators."""
+    return torch.backends.mkldnn.is_available() and all(
+        hasattr(torch.ops.mkldnn, name) for name in ("_linear_pointwise", "_reorder_linear_weight")
     )
 
 
@@ -79,7 +106,7 @@ def exact_products(like: Tensor) -> Iterator[None]:
     one, nothing is changed.
     """
     before = torch.get_float32_matmul_precision()
-    if before != "highest" or not can_pack(like) or _has_amx():
+    if before != "highest" or not can_pack(like) or has_amx():
         yield
         return
     torch.set_float32_matmul_precision("medium")
@@ -89,7 +116,8 @@ def exact_products(like: Tensor) -> Iterator[None]:
         torch.set_float32_matmul_precision(before)
 
 
-def _has_amx() -> bool:
+@cache
+def has_amx() -> bool:
     """Whether this processor has units for products of bfloat16; true where that is unknown."""
     has_tiles = getattr(torch.cpu, "_is_amx_tile_supported", None)
     return has_tiles is None or bool(has_tiles())

@@ -11,6 +11,10 @@ from torch import Tensor, nn
 
 from posecast.errors import ConfigError
 from posecast.model.gru_kernel import GRULayer
+from posecast.model.products import packing_pays
+
+_LEAST_UNITS = 256
+"""For layers of fewer units PyTorch's own loop is the faster one, in training as in use."""
 
 State = tuple[Tensor, ...]
 """What a backbone remembers; every tensor has the batch as its first axis."""
@@ -104,19 +108,43 @@ class GRUBackbone(nn.Module):
         return (zero,) * self.gru.num_layers
 
     def forward(self, frames: Float[Tensor, "batch frames inputs"], state: State) -> Summary:
-        """Read frames, the oldest first.
-
-        On a CPU by ``gru_kernel``; on other devices, and while a graph is captured, by
-        ``torch.nn.GRU`` itself.
-        """
+        """Read frames, the oldest first."""
         if frames.device.type != "cpu" or torch.compiler.is_compiling():
             context, stacked = self.gru(frames, torch.stack(state))
             return Summary(context, tuple(stacked.unbind(0)))
+        if self._kernel_pays(frames, state):
+            return self._read_by_kernel(frames, state)
+        if frames.shape[1] == 1:
+            return self._read_one(frames, state)
+        context, stacked = self.gru(frames, torch.stack(state))
+        return Summary(context, tuple(stacked.unbind(0)))
+
+    def _kernel_pays(self, frames: Tensor, state: State) -> bool:
+        """Whether ``gru_kernel`` is faster than PyTorch's own loop."""
+        if self.gru.hidden_size < _LEAST_UNITS:
+            return False
+        if torch.is_grad_enabled():
+            tensors = (frames, *state, *self.gru.parameters())
+            if any(tensor.requires_grad for tensor in tensors):
+                return True
+        return packing_pays(len(frames), like=frames)
+
+    def _read_one(self, frames: Tensor, state: State) -> Summary:
+        """Read a single frame; the same as ``self.gru`` with less around it."""
+        after: list[Tensor] = []
+        context = frames[:, 0]
+        for before, weights in zip(state, self.gru.all_weights, strict=True):
+            context = torch.gru_cell(context, before, *weights)
+            after.append(context)
+        return Summary(context[:, None], tuple(after))
+
+    def _read_by_kernel(self, frames: Tensor, state: State) -> Summary:
+        """Read frames with ``gru_kernel``."""
         context = frames.transpose(0, 1).contiguous()
         last: list[Tensor] = []
         for layer, before in zip(self._current_layers(), state, strict=True):
-            context = layer(context, before)
-            last.append(context[-1])
+            context, after = layer(context, before)
+            last.append(after)
         return Summary(context.transpose(0, 1), tuple(last))
 
     def _current_layers(self) -> list[GRULayer]:
