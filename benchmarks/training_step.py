@@ -163,26 +163,27 @@ def _products(mask: list[bool]) -> Callable[[], object]:
     states = [Weight(torch.randn(gates, HIDDEN)) for _ in sizes]
     output = Weight(torch.randn(4 * JOINTS, HIDDEN))
     wide, narrow = torch.randn(steps * BATCH, gates), torch.randn(steps * BATCH, HIDDEN)
-    context = narrow[: HORIZON * BATCH]
+    context, bias = narrow[: HORIZON * BATCH], torch.zeros(gates)
     answers = torch.randn(HORIZON * BATCH, 4 * JOINTS)
-    biases = {outputs: torch.zeros(outputs) for outputs in (gates, 4 * JOINTS)}
-    onto = {size: torch.zeros(steps * BATCH, size) for size in {*sizes, HIDDEN}}
+    # Backward adds to what is there: the memory of these is not asked for anew.
+    onto = [torch.zeros(steps * BATCH, size) for size in (*sizes, HIDDEN)]
+    totals = [torch.zeros(gates, size) for size in (*sizes, HIDDEN)]
 
     def call() -> None:
-        for size, below, state in zip(sizes, inputs, states, strict=True):
+        for layer, (size, below, state) in enumerate(zip(sizes, inputs, states, strict=True)):
             for number, length in enumerate(runs):
                 rows = length * BATCH
-                below.product(narrow[:rows, :size].contiguous(), biases[gates])
-                if size == HIDDEN or number:
-                    below.back(wide[:rows], onto[size][:rows])
+                below.product(narrow[:rows, :size].contiguous(), bias)
+                if layer or number:
+                    below.back(wide[:rows], onto=onto[layer][:rows])
             for _ in range(steps):
-                state.product(narrow[:BATCH], biases[gates])
-                state.back(wide[:BATCH], onto[HIDDEN][:BATCH])
+                state.product(narrow[:BATCH], bias)
+                state.back(wide[:BATCH], onto=onto[-1][:BATCH])
             with exact_products(wide):
-                wide.t() @ narrow
-                wide.t() @ narrow[:, :size]
-        output.product(context, biases[4 * JOINTS])
-        output.back(answers, onto[HIDDEN][: len(answers)])
+                totals[-1].addmm_(wide.t(), narrow)
+                totals[layer].addmm_(wide.t(), narrow[:, :size])
+        output.product(context, bias[: 4 * JOINTS])
+        output.back(answers, onto=onto[-1][: HORIZON * BATCH])
         answers.t() @ context
 
     return call

@@ -9,10 +9,17 @@ import pytest
 import torch
 from tests.references.plain_gru import gru_frame_by_frame
 
-from posecast.model import GRUBackbone
-from posecast.model.products import FEW_ROWS, Weight, exact_products
+from posecast.model import GRUBackbone, gru_kernel, products, recurrent
+from posecast.model.products import FEW_ROWS, Weight, can_pack, exact_products
 
 HIDDEN = 9
+
+
+@pytest.fixture(autouse=True)
+def the_kernel_for_every_layer(monkeypatch):
+    """Small layers are left to PyTorch otherwise, and so is most inference."""
+    monkeypatch.setattr(recurrent, "_LEAST_UNITS", 1)
+    monkeypatch.setattr(recurrent, "packing_pays", lambda rows, like: True)
 
 
 def make_backbone(dtype=torch.float64, layers=2):
@@ -67,6 +74,66 @@ def test_values_and_gradients_agree_in_double_precision(batch, lengths, referenc
     wanted = values_and_gradients(backbone, frames, expected)
     found = values_and_gradients(backbone, frames, in_pieces(backbone, frames, lengths))
     assert len(found) == 2 + 1 + 1 + 8
+    for one, other in zip(found, wanted, strict=True):
+        torch.testing.assert_close(one, other, atol=1e-10, rtol=0)
+
+
+@pytest.mark.parametrize("rows", [1, 90, 150])
+def test_a_long_run_goes_through_backward_in_blocks(rows, generator, monkeypatch):
+    backbone, frames = make_backbone(), make_frames(40, 10, generator)
+    wanted = values_and_gradients(backbone, frames, in_pieces(backbone, frames, [10]))
+    # Nine frames in blocks of one, of three, and of five and four.
+    monkeypatch.setattr(gru_kernel, "_BLOCK_ROWS", rows)
+    found = values_and_gradients(backbone, frames, in_pieces(backbone, frames, [9, 1]))
+    for one, other in zip(found, wanted, strict=True):
+        torch.testing.assert_close(one, other, atol=1e-11, rtol=0)
+
+
+def test_without_the_number_of_a_backward_pass_gradients_are_the_same(generator, monkeypatch):
+    backbone, frames = make_backbone(), make_frames(3, 10, generator)
+    wanted = values_and_gradients(backbone, frames, in_pieces(backbone, frames, [8, 1, 1]))
+    assert gru_kernel._current_pass() is not None
+    monkeypatch.delattr(torch._C, "_current_graph_task_id")
+    assert gru_kernel._current_pass() is None
+    found = values_and_gradients(backbone, frames, in_pieces(backbone, frames, [8, 1, 1]))
+    for one, other in zip(found, wanted, strict=True):
+        torch.testing.assert_close(one, other, atol=1e-11, rtol=0)
+
+
+@pytest.mark.parametrize("lengths", [[10], [4, 6], [1] * 10])
+@pytest.mark.parametrize("mode", [torch.no_grad, torch.inference_mode])
+def test_values_agree_where_no_gradient_is_wanted(lengths, mode, generator):
+    backbone, frames = make_backbone(), make_frames(3, 10, generator)
+    with mode():
+        found = in_pieces(backbone, frames, lengths)
+        wanted = backbone.gru(frames, torch.stack(backbone.initial_state(3)))
+    for one, other in zip(found, wanted, strict=True):
+        assert not one.requires_grad
+        torch.testing.assert_close(one, other, atol=1e-10, rtol=0)
+
+
+@pytest.mark.parametrize(
+    ("hidden", "gradient", "packs", "used"),
+    [
+        (255, True, True, False),
+        (256, True, False, True),
+        (256, False, False, False),
+        (256, False, True, True),
+    ],
+)
+def test_the_kernel_is_used_where_it_pays(hidden, gradient, packs, used, generator, monkeypatch):
+    monkeypatch.undo()
+    monkeypatch.setattr(recurrent, "packing_pays", lambda rows, like: packs)
+    backbone = GRUBackbone(5, hidden=hidden, layers=2).double()
+    frames, calls = make_frames(3, 4, generator), []
+    kernel = backbone._read_by_kernel
+    monkeypatch.setattr(
+        backbone, "_read_by_kernel", lambda *given: calls.append(1) or kernel(*given)
+    )
+    with torch.set_grad_enabled(gradient):
+        found = in_pieces(backbone, frames, [2, 1, 1])
+        wanted = backbone.gru(frames, torch.stack(backbone.initial_state(3)))
+    assert len(calls) == (3 if used else 0)
     for one, other in zip(found, wanted, strict=True):
         torch.testing.assert_close(one, other, atol=1e-10, rtol=0)
 
@@ -195,11 +262,16 @@ def test_the_global_precision_of_products_is_left_as_it_was(generator):
 
 @pytest.mark.parametrize("rows", [1, 60, FEW_ROWS, FEW_ROWS + 1])
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
-def test_products_have_the_precision_of_their_factors(rows, dtype, generator):
+@pytest.mark.parametrize("packs", [True, False])
+def test_products_have_the_precision_of_their_factors(rows, dtype, packs, generator, monkeypatch):
     matrix = torch.randn(70, 300, generator=generator, dtype=torch.float64)
     left = torch.randn(rows, 300, generator=generator, dtype=torch.float64)
     bias = torch.randn(70, generator=generator, dtype=torch.float64)
     weight = Weight(matrix.to(dtype))
+    # Whatever this processor would choose.
+    packs = packs and can_pack(weight.matrix)
+    monkeypatch.setattr(products, "packing_pays", lambda rows, like: packs and rows <= FEW_ROWS)
+    weight._packs_back = packs
     found = weight.product(left.to(dtype), bias.to(dtype))
     # Sums of 300 products of size one; bfloat16 factors would be off by 0.1.
     tolerance = 1e-4 if dtype == torch.float32 else 1e-12

@@ -76,9 +76,10 @@ def _packed_product(rows: Tensor, packed: Tensor, bias: Tensor | None) -> Tensor
 
 def packing_pays(rows: int, like: Tensor) -> bool:
     """Whether products of so many rows with a weight such as ``like`` are faster with a copy."""
-    if rows > FEW_ROWS or not can_pack(like):
-        return False
-    return not has_amx() or (rows >= _HARDLY_ANY_ROWS and like.numel() >= _SMALL_WEIGHT)
+    if not has_amx():
+        return rows <= FEW_ROWS and can_pack(like)
+    few = _HARDLY_ANY_ROWS <= rows <= FEW_ROWS
+    return few and like.numel() >= _SMALL_WEIGHT and can_pack(like)
 
 
 def can_pack(like: Tensor) -> bool:
