@@ -4,6 +4,9 @@ Two loops are the references. "loop, outer products" is tests/references/plain_k
 the usual way to write it (QuaterNet's and its descendants'); "loop, library products" is the
 same loop with the library's own, cheaper quaternion product. Every candidate is checked against
 the first before it is timed. "floor" copies as many bytes as the task must read and write.
+
+"positions" is what losses and metrics need; "positions and rotations" hands out the world
+rotation of every joint, too, and both have a gradient in its backward.
 """
 
 from __future__ import annotations
@@ -12,6 +15,7 @@ import argparse
 import json
 import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import torch
@@ -19,17 +23,19 @@ from torch import Tensor
 
 sys.path.insert(0, str(Path(__file__).parent))
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests/references"))
-from plain_kinematics import plain_positions
+from plain_kinematics import plain_kinematics, plain_positions
 from timing import paired, table
 
 from posecast.geometry import quaternion
 from posecast.skeleton import Skeleton, forward_kinematics, joint_positions, named_skeleton
 
 Place = Callable[[Tensor], Tensor]
-"""From local rotations (poses, joints, 4) to positions (poses, joints, 3)."""
+"""From local rotations (poses, joints, 4) to positions (poses, joints, 3), or (poses, joints, 7)
+with world rotations behind them."""
 
-FLOATS_FORWARD, FLOATS_BOTH = 7, 18
-"""Numbers a joint that must move: q in, p out; and with a backward p, q, g in, dq out again."""
+FLOATS = {3: (7, 18), 7: (11, 26)}
+"""Numbers a joint that must move, for results of so many numbers a joint: forward, q in, results
+out; and with a backward, results, q, their gradient in and dq out again."""
 
 
 def run(*, compile_too: bool = False, rounds: int = 9) -> list[dict[str, object]]:
@@ -48,43 +54,47 @@ def _compare(poses: int, rounds: int, *, compile_too: bool) -> list[dict[str, ob
     rotations = quaternion.normalize(torch.randn(poses, joints, 4, generator=generator))
     offsets = torch.randn(joints, 3, generator=generator)
     roots = torch.randn(poses, 3, generator=generator)
-    weights = torch.randn(poses, joints, 3, generator=generator)
-    candidates = _candidates(skeleton, offsets, roots, compile_too=compile_too)
-    reference = next(iter(candidates))
-
-    def both(place: Place) -> Tensor:
-        leaf = rotations.clone().requires_grad_()
-        (place(leaf) * weights).sum().backward()
-        assert leaf.grad is not None
-        return leaf.grad
-
-    _check(candidates, rotations, both)
     rows: list[dict[str, object]] = []
-    for task, call, floats in (
-        ("forward", lambda place: place(rotations), FLOATS_FORWARD),
-        ("forward + backward", both, FLOATS_BOTH),
+    for results, width, candidates in (
+        ("positions", 3, _position_candidates(skeleton, offsets, roots, compile_too=compile_too)),
+        ("positions and rotations", 7, _world_candidates(skeleton, offsets, roots)),
     ):
-        calls = {name: _bound(call, place) for name, place in candidates.items()}
-        source = torch.zeros(poses * joints * floats // 2)
-        calls["floor"] = _bound(torch.zeros_like(source).copy_, source)
-        timings = paired(calls, reference, rounds=rounds, warmup=1)
-        rows += [
-            {
-                "name": f"{task}, {poses} x {joints}",
-                "candidate": name,
-                "seconds": timing.median_seconds,
-                "ratio": timing.ratio,
-                "foreign_load": timing.foreign_load,
-            }
-            for name, timing in timings.items()
-        ]
+        weights = torch.randn(poses, joints, width, generator=generator)
+        both = partial(_gradient, rotations, weights)
+        _check(candidates, rotations, both)
+        for task, call, floats in (
+            ("forward", lambda place: place(rotations), FLOATS[width][0]),
+            ("forward + backward", both, FLOATS[width][1]),
+        ):
+            calls = {name: _bound(call, place) for name, place in candidates.items()}
+            source = torch.zeros(poses * joints * floats // 2)
+            calls["floor"] = _bound(torch.zeros_like(source).copy_, source)
+            timings = paired(calls, next(iter(candidates)), rounds=rounds, warmup=1)
+            rows += [
+                {
+                    "name": f"{results}, {task}, {poses} x {joints}",
+                    "candidate": name,
+                    "seconds": timing.median_seconds,
+                    "ratio": timing.ratio,
+                    "foreign_load": timing.foreign_load,
+                }
+                for name, timing in timings.items()
+            ]
     return rows
 
 
-def _candidates(
+def _gradient(rotations: Tensor, weights: Tensor, place: Place) -> Tensor:
+    """That of a weighted sum of the results."""
+    leaf = rotations.clone().requires_grad_()
+    (place(leaf) * weights).sum().backward()
+    assert leaf.grad is not None
+    return leaf.grad
+
+
+def _position_candidates(
     skeleton: Skeleton, offsets: Tensor, roots: Tensor, *, compile_too: bool
 ) -> dict[str, Place]:
-    """What is compared; the first is the reference."""
+    """What is compared where positions are wanted; the first is the reference."""
 
     def positions(rotations: Tensor) -> Tensor:
         return joint_positions(skeleton, rotations, offsets, roots)
@@ -92,12 +102,23 @@ def _candidates(
     found: dict[str, Place] = {
         "loop, outer products": lambda q: plain_positions(skeleton.parents, q, offsets, roots),
         "loop, library products": lambda q: _library_loop(skeleton, q, offsets, roots),
-        "forward_kinematics": lambda q: forward_kinematics(skeleton, q, offsets, roots)[0],
         "joint_positions": positions,
     }
     if compile_too:
         found["joint_positions, compiled"] = torch.compile(positions, dynamic=False)
     return found
+
+
+def _world_candidates(skeleton: Skeleton, offsets: Tensor, roots: Tensor) -> dict[str, Place]:
+    """What is compared where rotations are wanted, too; the first is the reference."""
+    return {
+        "loop, outer products": lambda q: torch.cat(
+            plain_kinematics(skeleton.parents, q, offsets, roots), dim=-1
+        ),
+        "forward_kinematics": lambda q: torch.cat(
+            forward_kinematics(skeleton, q, offsets, roots), dim=-1
+        ),
+    }
 
 
 def _library_loop(skeleton: Skeleton, rotations: Tensor, offsets: Tensor, roots: Tensor) -> Tensor:

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from posecast.errors import SkeletonError
 from posecast.geometry import quaternion
-from posecast.skeleton.level_products import JointPositions, WorldRotations
+from posecast.skeleton.level_products import Placement, WorldRotations
 from posecast.skeleton.skeleton import Skeleton
 from posecast.skeleton.tree_plan import tree_plan
 
@@ -53,10 +53,15 @@ def forward_kinematics(
     Raises:
         SkeletonError: the number of joints is not that of the skeleton.
     """
-    return World(
-        positions=joint_positions(skeleton, rotations_local, offsets, root_positions),
-        rotations=local_to_root(skeleton, rotations_local),
+    _check_joints(skeleton, rotations_local.shape[-2])
+    _check_joints(skeleton, offsets.shape[-2])
+    if torch.compiler.is_compiling():
+        return _world_by_joint(skeleton, rotations_local, offsets, root_positions)
+    positions, rotations = _place(
+        skeleton, rotations_local, offsets, root_positions, with_rotations=True
     )
+    assert rotations is not None
+    return World(positions, rotations)
 
 
 def joint_positions(
@@ -77,7 +82,19 @@ def joint_positions(
     _check_joints(skeleton, rotations_local.shape[-2])
     _check_joints(skeleton, offsets.shape[-2])
     if torch.compiler.is_compiling():
-        return _positions_by_joint(skeleton, rotations_local, offsets, root_positions)
+        return _world_by_joint(skeleton, rotations_local, offsets, root_positions).positions
+    return _place(skeleton, rotations_local, offsets, root_positions, with_rotations=False)[0]
+
+
+def _place(
+    skeleton: Skeleton,
+    rotations_local: Float[Tensor, "*batch joints 4"],
+    offsets: Float[Tensor, "*#batch joints 3"],
+    root_positions: Float[Tensor, "*batch 3"] | None,
+    *,
+    with_rotations: bool,
+) -> tuple[Float[Tensor, "*batch joints 3"], Float[Tensor, "*batch joints 4"] | None]:
+    """Positions and, if asked for, rotations of any number of poses."""
     joints, batch = len(skeleton), rotations_local.shape[:-2]
     poses = math.prod(batch)
     if math.prod(offsets.shape[:-2]) == 1:
@@ -86,12 +103,16 @@ def joint_positions(
         bodies = offsets.expand(*batch, joints, 3).reshape(poses, joints, 3)
     roots = None if root_positions is None else root_positions.reshape(poses, 3)
     inputs = (rotations_local.reshape(poses, joints, 4), bodies, roots)
-    positions = JointPositions.apply(
+    positions, rotations = Placement.apply(
         tree_plan(skeleton, rotations_local.device),
         *inputs,
+        with_rotations,
         torch.is_grad_enabled() and any(x is not None and x.requires_grad for x in inputs),
     )
-    return positions.reshape(*batch, joints, 3)
+    return (
+        positions.reshape(*batch, joints, 3),
+        None if rotations is None else rotations.reshape(*batch, joints, 4),
+    )
 
 
 def local_to_root(
@@ -142,13 +163,13 @@ def _rotations_by_joint(
     return turned
 
 
-def _positions_by_joint(
+def _world_by_joint(
     skeleton: Skeleton,
     rotations_local: Float[Tensor, "*batch joints 4"],
     offsets: Float[Tensor, "*#batch joints 3"],
     root_positions: Float[Tensor, "*batch 3"] | None,
-) -> Float[Tensor, "*batch joints 3"]:
-    """World positions, from operations that a compiler sees through."""
+) -> World:
+    """World positions and rotations, from operations that a compiler sees through."""
     turned = _rotations_by_joint(skeleton, rotations_local)
     bodies = offsets.expand(*rotations_local.shape[:-1], 3)
     placed: list[Tensor] = []
@@ -158,7 +179,7 @@ def _positions_by_joint(
             placed.append(placed[parent] + quaternion.rotate(turned[parent], bone))
         else:
             placed.append(bone if root_positions is None else bone + root_positions)
-    return torch.stack(placed, dim=-2)
+    return World(torch.stack(placed, dim=-2), torch.stack(turned, dim=-2))
 
 
 def _check_joints(skeleton: Skeleton, found: int) -> None:

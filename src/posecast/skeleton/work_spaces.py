@@ -74,12 +74,12 @@ class Walk:
 
 
 class PlacingSpace:
-    """Positions of a chunk: ``turn``, then ``place``."""
+    """Positions of a chunk: ``turn``, then ``place``; its walk goes down the levels given."""
 
-    def __init__(self, plan: TreePlan, like: Tensor, poses: int) -> None:
+    def __init__(self, plan: TreePlan, levels: tuple[Level, ...], like: Tensor, poses: int) -> None:
         joints = plan.order.shape[0]
         self.plan = plan
-        self.walk = Walk(plan, plan.levels, like, poses)
+        self.walk = Walk(plan, levels, like, poses)
         self.bones = like.new_empty(joints, 3, poses)
         self.placed = torch.empty_like(self.bones)
         self.hanging = Vectors(self.bones[plan.roots :])
