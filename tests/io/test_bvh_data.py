@@ -11,7 +11,7 @@ from tests.io.bvh_reference import world_positions
 from tests.io.test_bvh_dialects import layout_of, world
 from tests.io.test_bvh_write import SLACK_DEG, SLACK_UNITS, turned_by
 
-from posecast.io.bvh import read_bvh, write_bvh
+from posecast.io.bvh import read_bvh, read_bvh_document, write_bvh
 
 pytestmark = pytest.mark.data
 
@@ -77,6 +77,8 @@ def test_real_recordings_are_written_back_in_their_own_conventions(
         assert write_bvh(source, tmp_path / "first.bvh") == ()
         again = read_bvh(tmp_path / "first.bvh")
         assert layout_of(again).joints == layout_of(source).joints
+        before, after = read_bvh_document(path).values, read_bvh_document(tmp_path / "first.bvh")
+        np.testing.assert_allclose(after.values, before, rtol=0, atol=SLACK_DEG)
         assert turned_by(source, again) < SLACK_DEG
         np.testing.assert_allclose(world(again), world(source), rtol=0, atol=SLACK_UNITS * 0.01)
         write_bvh(again, tmp_path / "second.bvh")

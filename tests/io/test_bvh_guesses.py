@@ -31,7 +31,7 @@ def written_as(clip: Clip, path: Path, **conventions: object) -> Clip:
     write_bvh(replace(clip, source=None), path)
     layout = read_bvh(path, unit=0.01, up="y").source
     assert isinstance(layout, BvhLayout)
-    return replace(clip, source=replace(layout, first_row=(), **conventions))  # type: ignore[arg-type]
+    return replace(clip, source=replace(layout, rows=None, **conventions))  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("up", ["x", "y", "z"])

@@ -106,7 +106,7 @@ def read_bvh(path: str | PathLike[str], *, unit: float | None = None, up: Up | N
         fps=fps,
         encoding=document.encoding,
         newline=document.newline,
-        first_row=tuple(document.values[0].tolist()),
+        rows=document.values,
         notes=tuple(note for note in (*notes, rounding) if note),
     )
     return Clip(
@@ -132,9 +132,10 @@ def write_bvh(clip: Clip, path: str | PathLike[str]) -> tuple[str, ...]:
     Other clips are written in centimetres, y up, with rotation order zyx; roots, and joints whose
     translation changes in time, get six channels, the others three.
 
-    Angles are continuous in time, and within 3e-5 degrees of gimbal lock exactly there. Reading
-    the file gives rotations to 1e-4 degrees and positions to 1e-4 file units; writing what was
-    read gives the same bytes.
+    For as long as a joint turns as it did in that file, it gets the angles that stand there. From
+    then on, and in other clips, angles are continuous in time, and within 3e-5 degrees of gimbal
+    lock exactly there. Reading the file gives rotations to 1e-4 degrees and positions to 1e-4 file
+    units; writing what was read gives the same bytes.
 
     Returns:
         What could not be kept: a joint that needed channels which the source did not have.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from os import PathLike
 from typing import NamedTuple
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from posecast.errors import DataError
 from posecast.io.bvh_channels import MICRO, complete_axes, quaternion_to_channels
-from posecast.io.bvh_decode import STILL
+from posecast.io.bvh_decode import STILL, decode_rotations
 from posecast.io.bvh_document import AXES, BvhDocument, BvhEnd, BvhJoint, first_columns, is_position
 from posecast.io.bvh_layout import (
     UNITS,
@@ -28,6 +28,8 @@ _DEFAULT_ORDER = "zyx"
 _CHUNK = 2**14
 _GREATEST = 2**53 / MICRO
 """File units and degrees up to which six decimals are exact in float64."""
+_SAME = 2e-7
+"""Difference of quaternions, 2e-5 degrees, that is none: what float32 makes of them."""
 
 
 class Encoded(NamedTuple):
@@ -49,13 +51,15 @@ class _Column:
     Args:
         joint: how it stands in the hierarchy; gets channels that it turns out to need.
         translation: (frames, 3) from the parent, or (1, 3) if constant; file units and axes.
-        near: degrees in the source's first frame, one for each rotation channel.
+        source: (frames, turns) degrees in the source; no frames where it did not have the joint.
+        same: so many frames, from the first on, are turned as they are there.
         angles: (frames, turns) micro-degrees.
     """
 
     joint: BvhJoint
     translation: NDArray[np.float64]
-    near: list[float]
+    source: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 0)))
+    same: int = 0
     angles: NDArray[np.float64] | None = None
 
 
@@ -67,10 +71,11 @@ def encode(clip: Clip, path: str | PathLike[str]) -> Encoded:
     """
     layout = clip.source if isinstance(clip.source, BvhLayout) else _DEFAULT
     notes: list[str] = []
+    rotations = turn_rotations_back(clip.rotations_local.double().cpu(), layout.up)
     columns = _columns(clip, layout, path)
+    _find_same(columns, clip.skeleton.names, rotations, layout)
     for column in columns:
         _fit_translation(column, notes)
-    rotations = turn_rotations_back(clip.rotations_local.double().cpu(), layout.up)
     _fit_rotations(columns, rotations, notes)
     joints = tuple(column.joint for column in columns)
     starts = first_columns(joints)
@@ -118,7 +123,6 @@ def _columns(clip: Clip, layout: BvhLayout, path: str | PathLike[str]) -> list[_
     offsets, root = in_file(clip.offsets), in_file(clip.root_positions)
     moving = None if clip.translations_local is None else in_file(clip.translations_local)
     known = {name: place for place, name in enumerate(layout.names)}
-    starts = first_columns(layout.joints)
     had_children = {joint.parent for joint in layout.joints}
     columns: list[_Column] = []
     for place, (name, parent) in enumerate(
@@ -127,23 +131,42 @@ def _columns(clip: Clip, layout: BvhLayout, path: str | PathLike[str]) -> list[_
         translation = offsets[place][None] if moving is None else moving[:, place]
         if parent < 0:
             translation = root + translation
-        near: list[float] = []
         source = known.get(name)
         if source is None:
             joint = _default_joint(name, parent, offsets[place])
         else:
             joint = replace(layout.joints[source], parent=parent)
-            row = layout.first_row[starts[source] : starts[source + 1]]
-            near = [
-                value
-                for value, channel in zip(row, joint.channels, strict=False)
-                if not is_position(channel)
-            ]
         is_leaf = not clip.skeleton.children[place]
         if is_leaf and not joint.ends and (source is None or source in had_children):
             joint = replace(joint, ends=(BvhEnd("Site", _text(offsets[place] / 2)),))
-        columns.append(_Column(joint, translation, near))
+        columns.append(_Column(joint, translation))
     return columns
+
+
+def _find_same(
+    columns: list[_Column],
+    names: tuple[str, ...],
+    rotations: Float[torch.Tensor, "frames joints 4"],
+    layout: BvhLayout,
+) -> None:
+    """Find each joint's angles in the source, and for how many frames they still hold."""
+    if layout.rows is None:
+        return
+    rows = layout.rows[: len(rotations)]
+    before = decode_rotations(BvhDocument(layout.joints, layout.frame_time, rows)).numpy()
+    after = rotations[: len(rows)].numpy()
+    known = {name: place for place, name in enumerate(layout.names)}
+    starts = first_columns(layout.joints)
+    for place, (column, name) in enumerate(zip(columns, names, strict=True)):
+        source = known.get(name)
+        if source is None:
+            continue
+        turns = [starts[source] + turn for turn in column.joint.rotation_places]
+        column.source = layout.rows[:, turns]
+        ours, theirs = after[:, place], before[:, source]
+        apart = np.minimum(np.abs(ours - theirs).max(axis=1), np.abs(ours + theirs).max(axis=1))
+        other = (apart > _SAME) | (np.abs(rows[:, turns]).max(axis=1, initial=0) >= _GREATEST)
+        column.same = int(other.argmax()) if other.any() else len(rows)
 
 
 def _default_joint(name: str, parent: int, offset: Float[np.ndarray, "3"]) -> BvhJoint:
@@ -194,35 +217,47 @@ def _fit_rotations(
     columns: list[_Column], rotations: Float[torch.Tensor, "frames joints 4"], notes: list[str]
 ) -> None:
     """Angles for the channels of every joint; three channels where there are too few."""
-    groups: dict[tuple[str, int], list[int]] = {}
+    groups: dict[_Kind, list[int]] = {}
     for place, column in enumerate(columns):
+        if column.same == len(rotations):
+            column.angles = np.rint(column.source[: column.same] * MICRO)
+            continue
         axes = column.joint.rotation_axes
         order = complete_axes(axes) if axes else _DEFAULT_ORDER
         if order is None:
             _give_three(column, _DEFAULT_ORDER, notes)
             order, axes = _DEFAULT_ORDER, _DEFAULT_ORDER
-        groups.setdefault((order, len(axes)), []).append(place)
+        groups.setdefault(_Kind(order, len(axes), column.same), []).append(place)
     failed: dict[str, list[int]] = {}
-    for (order, turns), places in groups.items():
-        expressible = _solve(columns, rotations, places, order, turns)
+    for kind, places in groups.items():
+        expressible = _solve(columns, rotations, places, kind)
         for place, good in zip(places, expressible, strict=True):
-            if not good and turns < 3:
-                _give_three(columns[place], order, notes)
-                failed.setdefault(order, []).append(place)
+            if not good and kind.turns < 3:
+                _give_three(columns[place], kind.order, notes)
+                failed.setdefault(kind.order, []).append(place)
     for order, places in failed.items():
-        _solve(columns, rotations, places, order, 3)
+        _solve(columns, rotations, places, _Kind(order, 3, 0))
+
+
+class _Kind(NamedTuple):
+    """Joints that can be solved together: order, number of turns, frames that the source has."""
+
+    order: str
+    turns: int
+    same: int
 
 
 def _solve(
     columns: list[_Column],
     rotations: Float[torch.Tensor, "frames joints 4"],
     places: list[int],
-    order: str,
-    turns: int,
+    kind: _Kind,
 ) -> list[bool]:
+    order, turns, same = kind
+    rotations = rotations[same:]
     near = np.zeros((len(places), turns))
     for row, place in zip(near, places, strict=True):
-        known = columns[place].near[:turns]
+        known = columns[place].source[max(same - 1, 0) :][:1].ravel()[:turns]
         row[: len(known)] = known
     # A few joints at a time: what a step reads is then still in the cache.
     batch = max(1, _CHUNK // len(rotations))
@@ -234,7 +269,9 @@ def _solve(
         )
         expressible.extend(found.expressible)
         for index, place in enumerate(chosen):
-            columns[place].angles = found.micro[:, index]
+            column = columns[place]
+            as_before = np.rint(column.source[:same] * MICRO).reshape(same, turns)
+            column.angles = np.concatenate([as_before, found.micro[:, index]])
     return expressible
 
 
@@ -256,8 +293,9 @@ def _give_three(column: _Column, order: str, notes: list[str]) -> None:
         f"written as {' '.join(turns)}"
     )
     column.joint = replace(joint, channels=tuple(channels))
+    column.same = 0
     if joint.rotation_axes != order[: len(joint.rotation_axes)]:
-        column.near = []
+        column.source = np.empty((0, 0))
 
 
 _DEFAULT = BvhLayout(joints=(), names=(), unit=UNITS["cm"], up="y", frame_time="", fps=0.0)

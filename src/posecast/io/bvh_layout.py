@@ -15,11 +15,13 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
+import numpy as np
 import torch
 from jaxtyping import Float
+from numpy.typing import NDArray
 from torch import Tensor
 
 from posecast.io.bvh_document import BvhJoint
@@ -62,7 +64,8 @@ class BvhLayout:
         frame_time: seconds, as written.
         fps: what the clip got from it.
         encoding, newline: of the text.
-        first_row: numbers of the first frame; angles are written with windings near these.
+        rows: (frames, channels) numbers of the file: a pose that has not changed since is written
+            with the angles that it had, and others with windings near these. Not compared.
         notes: what is odd about the file, each true; see ``read_bvh``.
     """
 
@@ -74,7 +77,7 @@ class BvhLayout:
     fps: float
     encoding: str = "utf-8"
     newline: str = "\n"
-    first_row: tuple[float, ...] = ()
+    rows: NDArray[np.float64] | None = field(default=None, compare=False, repr=False)
     notes: tuple[str, ...] = ()
 
 
