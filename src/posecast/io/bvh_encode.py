@@ -163,8 +163,8 @@ def _find_same(
             continue
         turns = [starts[source] + turn for turn in column.joint.rotation_places]
         column.source = layout.rows[:, turns]
-        ours, theirs = after[:, place], before[:, source]
-        apart = np.minimum(np.abs(ours - theirs).max(axis=1), np.abs(ours + theirs).max(axis=1))
+        ours, theirs = after[:, place].T.copy(), before[:, source].T.copy()
+        apart = np.minimum(np.abs(ours - theirs).max(axis=0), np.abs(ours + theirs).max(axis=0))
         other = (apart > _SAME) | (np.abs(rows[:, turns]).max(axis=1, initial=0) >= _GREATEST)
         column.same = int(other.argmax()) if other.any() else len(rows)
 
