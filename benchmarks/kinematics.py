@@ -41,7 +41,7 @@ out; and with a backward, results, q, their gradient in and dq out again."""
 def run(*, compile_too: bool = False, rounds: int = 9) -> list[dict[str, object]]:
     """Rows ``name, candidate, seconds, ratio, foreign_load``; ratio > 1: faster than the loop."""
     rows: list[dict[str, object]] = []
-    for poses, count in ((6400, rounds), (200_000, max(3, rounds // 3))):
+    for poses, count in ((6400, rounds), (200_000, max(5, rounds // 2))):
         rows += _compare(poses, count, compile_too=compile_too)
     return rows
 

@@ -121,6 +121,8 @@ def _spelling_dialects() -> dict[str, Dialect]:
         "trailing blanks": _plain(_BASE.replace("\n", "  \t\n")),
         "blank lines in the motion": _plain(blank),
         "byte-order mark": Dialect(b"\xef\xbb\xbf" + _BASE.encode(), _BASE),
+        "null bytes at the end": Dialect(_BASE.encode() + b"\0\0", _BASE, ("2 bytes after",)),
+        "end mark of DOS": Dialect(_BASE.encode() + b"\x1a", _BASE, ("1 bytes after",)),
         "UTF-16": Dialect(_BASE.encode("utf-16"), _BASE),
         "brace on the line of the name": _plain(_BASE.replace("\n{", " {")),
         "hierarchy on one line": Dialect((one_line + "\n" + motion(numbers(12))).encode(), _BASE),

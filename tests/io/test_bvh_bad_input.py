@@ -70,6 +70,7 @@ BAD: dict[str, tuple[bytes | str, str, int | None]] = {
     "frame time negative": (PLAIN.replace("0.04", "-0.04"), "more than 0", FIRST_ROW - 1),
     "frame time with comma": (PLAIN.replace("0.04", "0,04"), "not a decimal sign", FIRST_ROW - 1),
     "no frames": (body() + motion([], 4), "no frames after the frame time", FIRST_ROW),
+    "no frames declared": (body() + motion([], 0), "expected one or more", FIRST_ROW),
     "a number missing": (with_row(1, ROW[1:]), "found 11 numbers, expected 12", FIRST_ROW + 1),
     "a number too many": (with_row(1, [*ROW, "1"]), "found 13 numbers", FIRST_ROW + 1),
     "cut in the last row": (with_row(3, ROW[:7]), "found 7 numbers, expected 12", FIRST_ROW + 3),
@@ -90,7 +91,7 @@ BAD: dict[str, tuple[bytes | str, str, int | None]] = {
 
 
 def test_there_is_a_file_for_every_fault() -> None:
-    assert len(BAD) == 45
+    assert len(BAD) == 46
 
 
 @pytest.mark.parametrize("name", BAD)

@@ -71,8 +71,8 @@ _CHUNK = 256
 Plane = NDArray[np.float64]
 
 _ALONE = 1024
-"""Numbers that PyTorch and MKL work on with one thread. Two that share a core with another program wait
-for each other many times longer than this work takes."""
+"""Numbers that PyTorch and MKL work on with one thread. On a machine that runs other programs, two
+threads wait for each other many times longer than this work takes."""
 
 
 def _cos_sin(angles: Plane) -> tuple[Plane, Plane]:

@@ -43,10 +43,8 @@ def parse_numbers(
     if not columns:
         raise DataError(path, "no joint has channels, so the file holds no motion; export again")
     if not _INK.search(data, begin):
-        raise DataError(
-            path, f"no frames after the frame time, expected {declared}; the file is cut off",
-            first_line,
-        )  # fmt: skip
+        expected = f"{declared}; the file is cut off" if declared else "one or more; export again"
+        raise DataError(path, f"no frames after the frame time, expected {expected}", first_line)
     parsed = parse_block(data, begin)
     if parsed is not None and _is_rows(parsed, columns):
         return parsed.numbers.reshape(-1, columns)

@@ -93,7 +93,12 @@ def _load(path: str | PathLike[str]) -> tuple[bytes, str, list[str]]:
         raise DataError(
             path, f"is not BVH: starts with {start[:16]!r}, expected HIERARCHY; check the file", 1
         )
-    return data, encoding, []
+    notes: list[str] = []
+    if data[-1:] in (b"\0", b"\x1a"):
+        kept = data.rstrip(b"\0\x1a")
+        notes.append(f"{len(data) - len(kept)} bytes after the text (null or Ctrl-Z) are left out")
+        data = kept
+    return data, encoding, notes
 
 
 def _decode(header: bytes, encoding: str, notes: list[str]) -> tuple[str, str]:

@@ -171,10 +171,9 @@ class PullingSpace:
             moments += torques
             for parents, joints in runs:
                 parents += joints
-        self.torques.mul_(2)
         # 2 (0, R^T tau) q = conj(R) (2 (0, tau) R q), and R q is the joint's own world rotation
         self.spun.all.zero_()
-        add_product(self.turning, Quaternions(self.world), out=self.spun)
+        add_product(self.turning, Quaternions(self.world), out=self.spun, scale=2.0)
         self.local[: plan.roots] = self.spun.all[: plan.roots]
         product(self.turned_above, self.spun_hanging, out=self.local_hanging, sign=-1.0)
         return from_planes(torch.index_select(self.local, 0, plan.spread, out=self.spread))
