@@ -93,6 +93,19 @@ def test_the_demo_leaves_what_it_promises(
     assert truth.fps == forecast.fps == 25
 
 
+def test_the_demo_removes_nothing_that_is_not_its_own(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    thesis = tmp_path / "project" / "run" / "thesis.txt"
+    thesis.parent.mkdir(parents=True)
+    thesis.write_text("years")
+    with pytest.raises(SystemExit) as stop:
+        main(["demo", "--out", str(tmp_path / "project"), *SHORT[:4]])
+    assert stop.value.code == 2
+    assert "holds 'thesis.txt', which no demo wrote" in capsys.readouterr().err
+    assert thesis.read_text() == "years"
+
+
 def _succeed(arguments: list[str]) -> None:
     """Call the command line, which must say that all went well."""
     with pytest.raises(SystemExit) as stop:

@@ -144,6 +144,24 @@ def test_dropout_too_is_resumed_exactly(tiny, tmp_path):
     assert same_weights(straight, halted)
 
 
+@pytest.mark.parametrize("left", ["log.csv", "best"])
+def test_a_run_killed_before_its_first_state_is_not_overwritten_either(tiny, tmp_path, left):
+    (tmp_path / left).mkdir() if left == "best" else (tmp_path / left).write_text("epoch,loss\n")
+    with pytest.raises(ConfigError, match="a training run already"):
+        tiny.train(tmp_path, epochs=1)
+    assert [path.name for path in tmp_path.iterdir()] == [left]
+
+
+def test_the_first_epoch_is_kept_at_once(tiny, tmp_path):
+    kept = []
+
+    def look():
+        kept.append((tmp_path / STATE).exists())
+
+    tiny.train(tmp_path, epochs=3, on_validation=look, save_every=None)
+    assert kept == [False, True, True]
+
+
 def test_training_leaves_the_global_random_state_alone(tiny, tmp_path):
     forecaster = tiny.tiny_forecaster(dropout=0.3)
     before = torch.get_rng_state()
@@ -184,7 +202,7 @@ def test_without_loggers_named_tensorboard_gets_the_numbers(tiny, tmp_path):
 
 
 def test_a_folder_with_a_run_in_it_is_not_overwritten(tiny, whole):
-    with pytest.raises(ConfigError, match="holds a training run already; resume it"):
+    with pytest.raises(ConfigError, match=r"a training run already \(.*log\.csv.*\); resume it"):
         tiny.train(whole[0], epochs=EPOCHS)
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 import typer
 
 from posecast.cli.terminal import progress_bar, say
+from posecast.errors import ConfigError
 from posecast.evaluation import AVERAGE, BASELINES, Report, build_protocol, evaluate
 from posecast.io import write_clip
 from posecast.io.atomic import atomic_write
@@ -18,6 +19,7 @@ from posecast.motion import Clip
 from posecast.motion.corpus import Corpus
 from posecast.recipe import load_recipe
 from posecast.system import System, load, train
+from posecast.training.keeping import RUN_FILES
 from posecast.training.plan import require_lightning
 from posecast.viewer.canvas import optional
 
@@ -38,19 +40,20 @@ def run_demo(folder: Path, overrides: Sequence[str] = ()) -> None:
 
     Raises:
         DataError: the folder cannot be written.
-        ConfigError: an override that does not fit, or Lightning or Matplotlib is not installed.
+        ConfigError: an override that does not fit, or Lightning or Matplotlib is not installed, or
+            ``folder/run`` has something in it that no demo wrote.
     """
     require_lightning()
     for drawing in ("PIL.Image", "matplotlib.figure"):
         optional(drawing)
     began = time.monotonic()
     recipe = load_recipe(RECIPE, (*SHORTER, *overrides))
+    folder.mkdir(parents=True, exist_ok=True)
+    run = folder / "run"
+    _clear(run)
     say("1/4 making the synthetic corpus")
     with progress_bar("clips") as advance:
         corpus = recipe.build_corpus(progress=advance)
-    run = folder / "run"
-    if run.exists():
-        shutil.rmtree(run)  # the demo's own, from last time
     say(f"2/4 training {RECIPE} for {recipe.plan.epochs} epochs")
     train(recipe, corpus, run)
     system = load(run / "best")
@@ -69,6 +72,20 @@ def run_demo(folder: Path, overrides: Sequence[str] = ()) -> None:
     typer.echo(report.to_markdown())
     typer.echo(_summary(report))
     say(f"{time.monotonic() - began:.0f} s; everything is under {folder}/")
+
+
+def _clear(run: Path) -> None:
+    """Remove the run of an earlier demo, if it is nothing but that."""
+    if not run.exists():
+        return
+    own = (*RUN_FILES, "tensorboard")
+    foreign = [name.name for name in sorted(run.iterdir()) if name.name not in own]
+    if foreign:
+        raise ConfigError(
+            f"{run} holds {foreign[0]!r}, which no demo wrote; move it away, or name another "
+            "folder with --out"
+        )
+    shutil.rmtree(run)
 
 
 def _summary(report: Report) -> str:

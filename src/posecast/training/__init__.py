@@ -1,7 +1,7 @@
 """Losses, feeds, window sampling, and a training run that can be killed and resumed."""
 
 from posecast.training.feeding import FEEDS, Feed
-from posecast.training.keeping import BEST, LAST, STATE, Best
+from posecast.training.keeping import BEST, LAST, RUN_FILES, STATE, Best
 from posecast.training.losses import LOSSES, Comparison, Loss, Objective
 from posecast.training.plan import Machines, Plan
 from posecast.training.run import FitResult, fit
@@ -14,6 +14,7 @@ __all__ = [
     "FEEDS",
     "LAST",
     "LOSSES",
+    "RUN_FILES",
     "SAMPLINGS",
     "STATE",
     "Best",

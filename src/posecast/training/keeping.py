@@ -25,6 +25,9 @@ Save = Callable[[Path, Forecaster, Mapping[str, Any]], None]
 """Writes a forecaster and the progress of its training as a checkpoint folder."""
 
 STATE, LAST, BEST = "state.safetensors", "last", "best"
+LOG, VALIDATIONS = "log.csv", "validation.csv"
+RUN_FILES = (STATE, LAST, BEST, LOG, VALIDATIONS)
+"""What a run leaves in its folder; with any of them there, the folder holds a run."""
 SECONDS_BETWEEN_STATES = 60.0
 
 
@@ -78,8 +81,8 @@ class Keeper:
         """Take the tables back to where the run begins, and make what shows its progress."""
         for stale in self.folder.glob(f".{Path(STATE).stem}.*"):
             stale.unlink(missing_ok=True)  # half a state, from a run that was killed while writing
-        self.log = Table(self.folder / "log.csv", self.begin)
-        self.validations = Table(self.folder / "validation.csv", self.begin)
+        self.log = Table(self.folder / LOG, self.begin)
+        self.validations = Table(self.folder / VALIDATIONS, self.begin)
         self.display = Display(begin=self.begin, epochs=self.plan.epochs, shown=progress)
         self._told = time.monotonic()
         return self.display
@@ -155,10 +158,10 @@ class Keeper:
         return True
 
     def _due(self, done: int) -> bool:
-        """Whether a state is to be saved now."""
+        """Whether a state is to be saved now; the first is, so that an early kill costs little."""
         if self.plan.save_every is not None:
             return done % self.plan.save_every == 0
-        return time.monotonic() - self._saved >= SECONDS_BETWEEN_STATES
+        return done == 1 or time.monotonic() - self._saved >= SECONDS_BETWEEN_STATES
 
     def _keep(self, done: int, updates: int, optimizer: Optimizer) -> None:
         """Write the state."""

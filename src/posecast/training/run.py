@@ -19,7 +19,7 @@ from posecast.errors import ConfigError, DataError, SkeletonError
 from posecast.model.forecaster import Forecaster
 from posecast.motion.corpus import Corpus
 from posecast.training.feeding import Feed
-from posecast.training.keeping import STATE, Best, Keeper, Save, Validate
+from posecast.training.keeping import RUN_FILES, STATE, Best, Keeper, Save, Validate
 from posecast.training.losses import Objective
 from posecast.training.plan import Machines, Plan, require_lightning
 from posecast.training.sampling import EveryRecording, Sampling, Windows
@@ -79,9 +79,9 @@ def fit(
     """Train a forecaster in place on the training split of a corpus.
 
     A run may be killed at any moment and resumed: it then ends with the losses and weights it would
-    have had, exactly so on a CPU, elsewhere as far as the kernels are deterministic. PyTorch's
-    global random state is left as it was found. With several processes every one of them calls
-    this with the same arguments, and ``folder`` is shared between machines.
+    have had, exactly so on a CPU with as many threads, elsewhere as far as the kernels are
+    deterministic. PyTorch's global random state is left as it was found. With several processes
+    every one of them calls this with the same arguments, and ``folder`` is shared between machines.
 
     Args:
         forecaster: what is trained; it ends with the weights of the last epoch.
@@ -182,12 +182,14 @@ def _begin(
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise DataError(folder, f"cannot be made ({error.strerror}); choose another") from None
+    found = [name for name in RUN_FILES if (folder / name).exists()]
+    if found and not resume:
+        raise ConfigError(
+            f"{folder} holds a training run already ({', '.join(found)}); resume it, or choose "
+            "another folder"
+        )
     if not path.exists():
         return None
-    if not resume:
-        raise ConfigError(
-            f"{folder} holds a training run already; resume it, or choose another folder"
-        )
     state = read_state(path)
     check_settings(state.settings, settings, path)
     if state.epoch > plan.epochs:
@@ -276,7 +278,12 @@ def _run(trainer: Trainer, module: TrainingModule, keeper: Keeper, *, progress: 
         stack.enter_context(torch.random.fork_rng(devices=own))
         if trainer.is_global_zero:
             stack.enter_context(keeper.open(progress=progress))
-        trainer.fit(module, range(module.windows.steps))
+        try:
+            trainer.fit(module, range(module.windows.steps))
+        except SystemExit:
+            if trainer.interrupted:  # Lightning makes an exit of Ctrl-C
+                raise KeyboardInterrupt from None
+            raise
 
 
 @contextmanager
