@@ -107,7 +107,8 @@ def match_joints(found: Skeleton, wanted: Skeleton) -> tuple[int, ...]:
     if missing:
         raise SkeletonError(
             f"the clip lacks {len(missing)} of {len(wanted)} joints: {', '.join(missing)}; "
-            f"it has besides: {', '.join(extra) or 'nothing'}"
+            f"it has besides: {', '.join(extra) or 'nothing'}; give a clip of the skeleton that "
+            "the system was trained on"
         )
     kept = tuple(sorted(found.index(name) for name in wanted.names))
     if found.select(kept) != wanted:

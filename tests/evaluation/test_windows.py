@@ -159,3 +159,9 @@ def test_an_unknown_split_is_refused(make_clip):
     corpus = Corpus("toy", [make_clip(80, 0)], {"test": (0,)})
     with pytest.raises(ConfigError, match="no split 'tset'"):
         Grid(10).sample(corpus, "tset", 60)
+
+
+def test_an_empty_split_is_called_that(make_clip):
+    corpus = Corpus("few", [make_clip(200, 0)], {"train": (0,), "test": ()})
+    with pytest.raises(ConfigError, match="split 'test' of corpus 'few' is empty; it needs more"):
+        Grid(stride=5).sample(corpus, "test", 60)

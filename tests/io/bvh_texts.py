@@ -62,6 +62,13 @@ def _plain(text: str, *notes: str) -> Dialect:
     return Dialect(text.encode("utf-8"), text, notes)
 
 
+def _uneven(declared: int) -> str:
+    """Rows of twelve numbers on lines of seven and five."""
+    lines = [piece for row in numbers(12) for piece in (row[:7], row[7:])]
+    text = "\n".join(map(" ".join, lines))
+    return f"{body()}MOTION\nFrames: {declared}\nFrame Time: 0.04\n{text}\n"
+
+
 def _wrapped(width: int) -> str:
     words = [word for row in numbers(12) for word in row]
     lines = [" ".join(words[at : at + width]) for at in range(0, len(words), width)]
@@ -142,6 +149,10 @@ def _motion_dialects() -> dict[str, Dialect]:
         "Frame time": _plain(_BASE.replace("Frame Time", "Frame time")),
         "rows wrapped at rows": _plain(_wrapped(4)),
         "rows wrapped anywhere": _plain(_wrapped(7)),
+        "all rows on one line": _plain(_wrapped(48)),
+        "wrapped, more declared": _plain(_uneven(9), "9 frames declared, 4 found"),
+        "wrapped, fewer declared": _plain(_uneven(3), "3 frames declared, 4 found"),
+        "milliseconds": _plain(body() + motion(rows, time="33.3"), "33.3 seconds a frame"),
         "more frames declared": _plain(body() + motion(rows, 9), "9 frames declared, 4 found"),
         "fewer frames declared": _plain(body() + motion(rows, 2), "2 frames declared, 4 found"),
         "a rounded frame time": _plain(body() + motion(rows, time="0.008333"), rounded),

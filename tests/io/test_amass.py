@@ -187,7 +187,7 @@ HOLED = np.zeros((FRAMES, 156))
 HOLED[4, 9] = np.nan
 
 FAULTS = {
-    "no rate": ({"mocap_framerate": None}, r"no mocap_framerate.*read_amass\(path, fps="),
+    "no rate": ({"mocap_framerate": None}, r"no mocap_framerate.*--fps"),
     "rate zero": ({"mocap_framerate": 0}, "mocap_framerate is 0, expected one number > 0"),
     "rate a word": ({"mocap_framerate": "fast"}, "mocap_framerate is 'fast'"),
     "only a shape": ({"poses": None, "trans": None}, "no motion: found betas.*shape of a body"),

@@ -21,7 +21,9 @@ def trial(tmp_path: Path) -> Path:
 
 AMC_FAULTS = {
     "cut in a frame": (AMC[: AMC.rindex("thigh")], "ends without 2 of its bones", 11),
-    "cut in a row": (AMC[: AMC.rindex(" 9")], "2 values for 'thigh', expected 3", 12),
+    "cut in a row": (AMC[: AMC.rindex(" 9")], "2 values for 'thigh', expected 3.*copy it", 12),
+    "cut in a name": (AMC[: AMC.rindex("high")], "bone 't' is not in.*cut off, copy it", 12),
+    "a value too many": (AMC.replace("5 -6", "5 -6 1"), "3 values for 'back'.*mend the line", 6),
     "bone lacks": (AMC.replace("back 5 -6\n", ""), r"frame 1 ends without 1.*\(back\)", 8),
     "bone twice": (AMC.replace("shin -10", "back 1 2\nshin -10"), "'back' stands twice", 8),
     "strange bone": (AMC.replace("back 5 -6", "tail 5 -6"), "'tail' is not in 07.asf", 6),

@@ -81,6 +81,8 @@ BAD: dict[str, tuple[bytes | str, str, int | None]] = {
     "infinite": (with_row(2, [*ROW[:6], "inf", *ROW[7:]]), "joint 'LeftArm'", FIRST_ROW + 2),
     "too large": (with_row(2, [*ROW[:6], "1e400", *ROW[7:]]), "too large", FIRST_ROW + 2),
     "zero byte": (PLAIN.replace(ROW[2], "1\0002"), "found '1\\x002'", FIRST_ROW),
+    "too far to be true": (with_row(1, [ROW[0], "1e20", *ROW[2:]]), "frame 1 is 1e+20 file", None),
+    "a bone too long": (PLAIN.replace("0.5 4.25", "0.5 4e300"), "OFFSET of joint 1", None),
     "text at the end": (PLAIN + "the end\n", "found 'the'", FIRST_ROW + 4),
     "all rows too short": (
         body() + motion([row[:6] for row in numbers(12)]),
@@ -91,7 +93,7 @@ BAD: dict[str, tuple[bytes | str, str, int | None]] = {
 
 
 def test_there_is_a_file_for_every_fault() -> None:
-    assert len(BAD) == 46
+    assert len(BAD) == 48
 
 
 @pytest.mark.parametrize("name", BAD)

@@ -80,7 +80,8 @@ def test_a_body_of_no_size_or_an_odd_one_gives_a_note() -> None:
         ("0.0153846", 65, True),
         ("0.03", 1 / 0.03, False),
         ("1", 1, False),
-        ("2.5", 0.4, False),
+        ("33.333", 1 / 33.333, True),
+        ("1.25", 0.8, False),
         ("0.0123456789", 1 / 0.0123456789, False),
     ],
 )

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 import torch
 
-from posecast.errors import DataError
+from posecast.corpora.synthetic import make_clip
+from posecast.errors import ConfigError, DataError
 from posecast.geometry import quaternion
 from posecast.io import READERS, WRITERS, read_clip, write_clip
 from posecast.motion import Clip
@@ -93,3 +96,28 @@ def test_nothing_half_written_stays_when_writing_fails(tmp_path, clip, extension
     with pytest.raises(DataError):
         write_clip(clip, tmp_path / "no such folder" / f"a{extension}")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_an_option_is_handed_to_the_reader_of_the_format(tmp_path: Path) -> None:
+    clip = make_clip(0, fps=50.0, seconds=1.0)
+    write_clip(clip, tmp_path / "walk.bvh")
+    tall = read_clip(tmp_path / "walk.bvh", unit=0.02, fps=30)
+    assert tall.fps == 30
+    torch.testing.assert_close(tall.offsets, 2 * clip.offsets.double(), atol=1e-6, rtol=0)
+    with pytest.raises(ConfigError, match=r"'template' is no option of files like this.*unit, up"):
+        read_clip(tmp_path / "walk.bvh", template="body.npy")
+    with pytest.raises(ConfigError, match="fps is -1: expected a positive number"):
+        read_clip(tmp_path / "walk.bvh", fps=-1)
+
+
+def test_a_rate_that_is_missing_can_be_given(tmp_path: Path) -> None:
+    np.savez(tmp_path / "a.npz", poses=np.zeros((4, 72)), trans=np.zeros((4, 3)))
+    with pytest.raises(DataError, match="--fps"):
+        read_clip(tmp_path / "a.npz")
+    assert read_clip(tmp_path / "a.npz", fps=60).fps == 60
+
+
+def test_the_shape_of_a_body_is_called_that(tmp_path: Path) -> None:
+    np.savez(tmp_path / "shape.npz", betas=np.zeros(16), gender="neutral")
+    with pytest.raises(DataError, match="it is the shape of a body, leave it out"):
+        read_clip(tmp_path / "shape.npz")

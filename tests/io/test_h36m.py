@@ -165,7 +165,8 @@ def test_a_wrong_number_of_columns_is_told_with_its_line(recording):
     with pytest.raises(DataError) as caught:
         read_h36m(recording)
     assert str(caught.value) == (
-        f"{recording}, line 31: 96 columns, expected 99 (root 3 + 32 joints x 3)"
+        f"{recording}, line 31: 96 columns, expected 99 (root 3 + 32 joints x 3); copy the file "
+        "again, or leave out what is no Human3.6M text"
     )
 
 
@@ -183,7 +184,7 @@ def test_a_file_cut_off_in_its_last_line_is_told(recording):
         ("nan", "line 3: 'nan' in column 12"),
         ("-inf", "line 3: '-inf' in column 12"),
         ("", "line 3: '' in column 12"),
-        ("1e200", "1e+200 rad in frame 2, expected at most 100"),
+        ("1e200", "line 3: 1e+200 rad, expected at most 100"),
     ],
 )
 def test_a_value_that_is_no_angle_is_told(tmp_path, columns, written, message):
@@ -199,7 +200,7 @@ def test_a_value_that_is_no_angle_is_told(tmp_path, columns, written, message):
 
 def test_a_step_of_the_root_no_one_can_make_is_told(tmp_path, columns):
     columns[3, 1] = 2e6
-    with pytest.raises(DataError, match=r"2e\+06 mm in frame 3, expected at most 100000"):
+    with pytest.raises(DataError, match=r"line 4: 2e\+06 mm, expected at most 100000"):
         read_h36m(write_columns(tmp_path / "a.txt", columns))
 
 

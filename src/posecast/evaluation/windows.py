@@ -151,7 +151,12 @@ class LegacyDraws:
         found: dict[tuple[str, str], int] = {}
         for index in corpus.indices(split):
             labels = corpus.clips[index].labels
-            place = labels.get("action", ""), labels.get("recording", "")
+            if not {"action", "recording"} <= set(labels):
+                raise ConfigError(
+                    f"corpus {corpus.name!r}: its clips are not labelled with action and recording "
+                    "as those of Human3.6M are; use protocol 'short-term'"
+                )
+            place = labels["action"], labels["recording"]
             if place in found:
                 raise ConfigError(
                     f"split {split!r} of corpus {corpus.name!r} holds recording {place[1]!r} of "
@@ -188,6 +193,11 @@ class Grid:
         grouped: dict[str, list[Window]] = {}
         short: list[str] = []
         indices = corpus.indices(split)
+        if not indices:
+            raise ConfigError(
+                f"split {split!r} of corpus {corpus.name!r} is empty; it needs more recordings, or "
+                "other splits (a splits.yaml in the folder)"
+            )
         for index in indices:
             clip = corpus.clips[index]
             starts = grid_starts(clip.frames, length, self.stride)

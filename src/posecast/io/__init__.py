@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import inspect
+import math
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
+from typing import Any
 
-from posecast.errors import DataError
+from posecast.errors import ConfigError, DataError
 from posecast.io.amass import is_amass, read_amass
 from posecast.io.archive import read_archive, write_archive
 from posecast.io.arrays import array_names
@@ -33,16 +37,38 @@ __all__ = [
 ]
 
 
-def read_clip(path: str | PathLike[str]) -> Clip:
-    """Read a recording in the format that its extension names, with that reader's defaults.
+def read_clip(path: str | PathLike[str], *, fps: float | None = None, **options: Any) -> Clip:
+    """Read a recording in the format that its extension names.
 
     ``.npz`` is our own archive or AMASS, told apart by the arrays in it; ``.txt`` is Human3.6M;
     an ``.amc`` needs its ``.asf`` beside it. docs/formats.md says more.
 
+    Args:
+        path: the file.
+        fps: the true frame rate, in the place of a wrong or missing one; the frames stay.
+        options: of that format's reader, such as ``unit`` and ``up`` of ``read_bvh``, ``skeleton``
+            of ``read_amc``, ``template`` of ``read_amass``.
+
     Raises:
         DataError: the extension is not known, or the file is not what its extension says.
+        ConfigError: an option that this format does not have, or a rate that is not positive.
     """
-    return READERS[_extension(path, READERS, "read")](path)
+    if fps is not None and not 0 < fps < math.inf:
+        raise ConfigError(f"fps is {fps}: expected a positive number of frames per second")
+    reader = READERS[_extension(path, READERS, "read")]
+    if reader is _read_npz:
+        reader = _npz_reader(path)
+    known = list(inspect.signature(reader).parameters)[1:]
+    for option in options:
+        if option not in known:
+            found = ", ".join(name for name in known if name != "fps") or "none"
+            raise ConfigError(
+                f"{path}: {option!r} is no option of files like this; those are: {found}"
+            )
+    if fps is not None and "fps" in known:
+        return reader(path, fps=fps, **options)
+    clip = reader(path, **options)
+    return clip if fps is None else replace(clip, fps=fps)
 
 
 def write_clip(clip: Clip, path: str | PathLike[str]) -> tuple[str, ...]:
@@ -58,7 +84,13 @@ def write_clip(clip: Clip, path: str | PathLike[str]) -> tuple[str, ...]:
 
 
 def _read_npz(path: str | PathLike[str]) -> Clip:
-    return read_amass(path) if is_amass(array_names(path)) else read_archive(path)
+    return _npz_reader(path)(path)
+
+
+def _npz_reader(path: str | PathLike[str]) -> Callable[..., Clip]:
+    """What reads this .npz file; bodies without motion go to the reader that knows them."""
+    names = array_names(path)
+    return read_amass if is_amass(names) or "betas" in names else read_archive
 
 
 def _write_npz(clip: Clip, path: str | PathLike[str]) -> tuple[str, ...]:
@@ -66,7 +98,7 @@ def _write_npz(clip: Clip, path: str | PathLike[str]) -> tuple[str, ...]:
     return ()
 
 
-READERS: dict[str, Callable[[str | PathLike[str]], Clip]] = {
+READERS: dict[str, Callable[..., Clip]] = {
     ".amc": read_amc,
     ".bvh": read_bvh,
     ".npz": _read_npz,
@@ -93,7 +125,7 @@ def _extension(path: str | PathLike[str], known: Mapping[str, object], verb: str
     extension = Path(path).suffix.lower()
     if extension in known:
         return extension
-    remedy = _REMEDIES.get(extension, "convert it first")
+    remedy = _REMEDIES.get(extension, "convert it first") if verb == "read" else "name it so"
     raise DataError(
         path,
         f"extension {extension!r}, expected one that posecast can {verb}: "

@@ -145,11 +145,12 @@ def _rate(path: str | PathLike[str], arrays: Mapping[str, np.ndarray]) -> float:
             rate = arrays[key]
             if rate.size == 1 and rate.dtype.kind in "fiu" and 0 < float(rate.item()) < math.inf:
                 return float(rate.item())
-            raise DataError(path, f"{key} is {rate.tolist()!r}, expected one number > 0")
+            raise DataError(
+                path, f"{key} is {rate.tolist()!r}, expected one number > 0; give the rate (--fps)"
+            )
     raise DataError(
         path,
-        "no mocap_framerate or mocap_frame_rate; if the rate is known, give it: "
-        "read_amass(path, fps=...)",
+        "no mocap_framerate or mocap_frame_rate; if the rate is known, give it (--fps)",
     )
 
 

@@ -90,7 +90,7 @@ def _find_skeleton(file: Path) -> Path:
     found = f"{len(beside)} skeletons beside it, none for it" if beside else "no skeleton beside it"
     raise DataError(
         file,
-        f"{found}, expected {file.stem.split('_')[0]}.asf; name one: read_amc(path, skeleton=...)",
+        f"{found}, expected {file.stem.split('_')[0]}.asf; name the skeleton (--skeleton FILE.asf)",
     )
 
 
@@ -202,7 +202,9 @@ class _AmcReader:
         missing: set[str] = set()
         moving = {name for name, row in self.rows.items() if row.size}
         number = text.count("\n", 0, start)
-        for line in text[start:].rstrip().split("\n"):
+        lines = text[start:].rstrip().split("\n")
+        last = number + len(lines)
+        for line in lines:
             number += 1
             words = line.split()
             if not words or words[0].startswith("#"):
@@ -217,7 +219,7 @@ class _AmcReader:
                 raise DataError(
                     self.path, f"{words[0][:40]!r}, expected a frame number", line=number
                 )
-            row = self._check_row(words, missing, number)
+            row = self._check_row(words, missing, number, is_last=number == last)
             missing.discard(words[0])
             frames[-1][row.column : row.column + row.size] = [
                 parse_number(self.path, word, number) for word in words[1:]
@@ -245,13 +247,15 @@ class _AmcReader:
                 line=line,
             )
 
-    def _check_row(self, words: list[str], missing: set[str], line: int) -> _Row:
+    def _check_row(self, words: list[str], missing: set[str], line: int, *, is_last: bool) -> _Row:
         row = self.rows.get(words[0])
         if row is None:
+            remedy = "name the skeleton that belongs to this motion"
+            if is_last and any(name.startswith(words[0]) for name in self.rows):
+                remedy = "the file is cut off, copy it again"
             raise DataError(
                 self.path,
-                f"bone {words[0][:40]!r} is not in {self.asf_path.name}; name the skeleton that "
-                "belongs to this motion",
+                f"bone {words[0][:40]!r} is not in {self.asf_path.name}; {remedy}",
                 line=line,
             )
         if row.size and words[0] not in missing:
@@ -260,7 +264,8 @@ class _AmcReader:
             dofs = " ".join(self.dofs[row.joint]) or "none"
             raise DataError(
                 self.path,
-                f"{len(words) - 1} values for {words[0]!r}, expected {row.size} ({dofs})",
+                f"{len(words) - 1} values for {words[0]!r}, expected {row.size} ({dofs}); "
+                + ("the file is cut off, copy it again" if is_last else "mend the line"),
                 line=line,
             )
         return row

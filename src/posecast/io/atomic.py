@@ -12,6 +12,19 @@ from pathlib import Path
 from posecast.errors import DataError
 
 
+def check_target(path: str | PathLike[str]) -> None:
+    """Refuse a file that could not be written, before any work goes into it.
+
+    Raises:
+        DataError: the folder is missing, or ``path`` is a folder or device.
+    """
+    target = Path(os.path.realpath(path))
+    if target.exists() and not target.is_file():
+        raise DataError(path, "is not a regular file, so it cannot be replaced; name a file")
+    if not target.parent.is_dir():
+        raise DataError(path, f"there is no folder {target.parent}; make it first")
+
+
 @contextmanager
 def atomic_write(path: str | PathLike[str]) -> Iterator[Path]:
     """A temporary file beside ``path``, which takes its place when the block ends well.
@@ -27,11 +40,8 @@ def atomic_write(path: str | PathLike[str]) -> Iterator[Path]:
         DataError: the folder is missing or closed to writing, ``path`` is a folder or device, or
             the system refuses the block a write: a full disk, a quota, a lost network drive.
     """
+    check_target(path)
     target = Path(os.path.realpath(path))
-    if target.exists() and not target.is_file():
-        raise DataError(path, "is not a regular file, so it cannot be replaced; name a file")
-    if not target.parent.is_dir():
-        raise DataError(path, f"there is no folder {target.parent}; make it first")
     # The stem is cut so that a name of the greatest length allowed still has a temporary one.
     temporary = target.with_name(f".{target.stem[:80]}.{secrets.token_hex(6)}{target.suffix}")
     try:

@@ -16,11 +16,12 @@ from __future__ import annotations
 from os import PathLike
 from pathlib import Path
 
+import numpy as np
 import torch
 
 from posecast.errors import ConfigError, DataError
 from posecast.io.bvh_decode import Places, decode_rotations, find_up
-from posecast.io.bvh_document import AXES, BvhDocument, BvhEnd, BvhJoint
+from posecast.io.bvh_document import AXES, GREATEST, BvhDocument, BvhEnd, BvhJoint
 from posecast.io.bvh_encode import encode
 from posecast.io.bvh_layout import (
     UNITS,
@@ -91,6 +92,7 @@ def read_bvh(path: str | PathLike[str], *, unit: float | None = None, up: Up | N
     skeleton = Skeleton(names, tuple(joint.parent for joint in joints))
     rotations = decode_rotations(document)
     places = Places(document)
+    _check_size(path, places)
     if unit is None:
         unit, doubt = guess_unit(skeleton, places.lengths())
         notes.append(doubt)
@@ -121,6 +123,19 @@ def read_bvh(path: str | PathLike[str], *, unit: float | None = None, up: Up | N
         name=Path(path).stem,
         source=layout,
     )
+
+
+def _check_size(path: str | PathLike[str], places: Places) -> None:
+    """Refuse positions that no computation survives."""
+    for tensor in (places.offsets, places.root, *places.moving.values()):
+        if (excess := np.abs(tensor) >= GREATEST).any():
+            row = int(np.argwhere(excess)[0, 0])
+            what = "OFFSET of joint" if tensor is places.offsets else "position in frame"
+            raise DataError(
+                path,
+                f"{what} {row} is {tensor[excess][0]:g} file units, expected less than "
+                f"{GREATEST:.0e}; the file is damaged, export it again",
+            )
 
 
 def write_bvh(clip: Clip, path: str | PathLike[str]) -> tuple[str, ...]:

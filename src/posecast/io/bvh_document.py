@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 AXES = "xyz"
+GREATEST = 2**53 / 1_000_000
+"""File units and degrees up to which six decimals are exact in float64."""
 
 
 @dataclass(frozen=True)

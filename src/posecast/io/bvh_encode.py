@@ -14,7 +14,15 @@ from numpy.typing import NDArray
 from posecast.errors import DataError
 from posecast.io.bvh_channels import MICRO, complete_axes, quaternion_to_channels
 from posecast.io.bvh_decode import STILL, decode_rotations
-from posecast.io.bvh_document import AXES, BvhDocument, BvhEnd, BvhJoint, first_columns, is_position
+from posecast.io.bvh_document import (
+    AXES,
+    GREATEST,
+    BvhDocument,
+    BvhEnd,
+    BvhJoint,
+    first_columns,
+    is_position,
+)
 from posecast.io.bvh_layout import (
     UNITS,
     BvhLayout,
@@ -26,8 +34,6 @@ from posecast.motion.clip import Clip
 
 _DEFAULT_ORDER = "zyx"
 _CHUNK = 2**14
-_GREATEST = 2**53 / MICRO
-"""File units and degrees up to which six decimals are exact in float64."""
 _SAME = 2e-7
 """Difference of quaternions, 2e-5 degrees, that is none: what float32 makes of them."""
 
@@ -111,7 +117,7 @@ def _columns(clip: Clip, layout: BvhLayout, path: str | PathLike[str]) -> list[_
 
     def in_file(metres: torch.Tensor) -> NDArray[np.float64]:
         vectors = turn_vectors_back(metres.double(), layout.up).cpu().numpy() / layout.unit
-        if not np.abs(vectors).max(initial=0) < _GREATEST:
+        if not np.abs(vectors).max(initial=0) < GREATEST:
             raise DataError(
                 path, "the clip has a position that is not finite, or beyond 9e9 file units; mend "
                 "it before writing"
@@ -165,7 +171,7 @@ def _find_same(
         column.source = layout.rows[:, turns]
         ours, theirs = after[:, place].T.copy(), before[:, source].T.copy()
         apart = np.minimum(np.abs(ours - theirs).max(axis=0), np.abs(ours + theirs).max(axis=0))
-        other = (apart > _SAME) | (np.abs(rows[:, turns]).max(axis=1, initial=0) >= _GREATEST)
+        other = (apart > _SAME) | (np.abs(rows[:, turns]).max(axis=1, initial=0) >= GREATEST)
         column.same = int(other.argmax()) if other.any() else len(rows)
 
 

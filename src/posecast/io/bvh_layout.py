@@ -146,6 +146,8 @@ def frame_rate(text: str) -> tuple[float, str]:
     """
     seconds = float(text)
     rate = 1 / seconds
+    if seconds > _LONGEST_FRAME:
+        return rate, f"{text} seconds a frame; if that is milliseconds, correct the frame time"
     nearest = float(max(round(rate), 1))
     if math.isclose(rate, nearest, rel_tol=1e-12):
         return nearest, ""
@@ -159,6 +161,9 @@ def frame_rate(text: str) -> tuple[float, str]:
             return fps, f"frame time {text} read as 1/{shown} s"
     return rate, ""
 
+
+_LONGEST_FRAME = 2.0
+"""Seconds; nobody records motion more slowly."""
 
 _ROUNDING = 0.02
 """Largest relative change that rounding may make to a usual rate; a tenth of it to others."""

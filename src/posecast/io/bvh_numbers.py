@@ -101,8 +101,11 @@ class _Block:
         whole_lines = all(count == columns for count in self.counts)
         aligned = int((ends % columns == 0).sum()) * columns == total
         # A width that has nothing to do with rows: every line but the last has as many numbers.
-        filled = len(set(self.counts[:-1])) == 1 and self.counts[-1] <= self.counts[0]
-        wrapped = (aligned or filled) and total == declared * columns
+        filled = len(set(self.counts[:-1])) <= 1 and self.counts[-1] <= self.counts[0]
+        announced = total == declared * columns
+        # Lines of different lengths that come out even, row by row, are no coincidence.
+        uneven = aligned and len(set(self.counts)) > 1
+        wrapped = ((aligned or filled) and announced) or uneven
         if not (whole_lines or wrapped):
             raise self._bad_row(columns, declared)
         return np.array(self.numbers).reshape(-1, columns)

@@ -120,10 +120,12 @@ def read_h36m_columns(path: str | PathLike[str]) -> Float64[Tensor, "frames 99"]
     ):
         if (excess := np.abs(columns[part]) > limit).any():
             row, column = np.argwhere(excess)[0]
+            filled = [n for n, line in enumerate(content.split(b"\n"), start=1) if line.strip()]
             raise DataError(
                 path,
-                f"{columns[part][row, column]:g} {unit} in frame {row}, expected at most "
-                f"{limit:g}; the file is damaged or no H3.6M exponential-map text",
+                f"{columns[part][row, column]:g} {unit}, expected at most {limit:g}; the file is "
+                "damaged or no H3.6M exponential-map text",
+                line=filled[row],
             )
     return torch.from_numpy(columns)
 
@@ -136,11 +138,14 @@ def _fault(path: str | PathLike[str], content: bytes, otherwise: str) -> DataErr
             continue
         fields = line.split(b",")
         if len(fields) != COLUMNS:
-            cut = number == len(lines)
+            remedy = "copy the file again, or leave out what is no Human3.6M text"
+            if len(fields) == 1 and len(line.split()) == COLUMNS:
+                remedy = "put commas between the numbers"
+            elif number == len(lines) and number > 1:
+                remedy = "the file is cut off, copy it again"
             return DataError(
                 path,
-                f"{len(fields)} columns, expected {COLUMNS} ({_MEANING})"
-                + ("; the file is cut off, copy it again" if cut else ""),
+                f"{len(fields)} columns, expected {COLUMNS} ({_MEANING}); {remedy}",
                 line=number,
             )
         for column, field in enumerate(fields):
