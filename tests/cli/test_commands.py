@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import json
 import shutil
+import signal
+import subprocess
 import sys
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
 import pytest
 import torch
 import typer.main
@@ -305,3 +309,74 @@ def test_a_mistake_is_a_line_and_exit_code_2(
     assert not list(tmp_path.iterdir())
     assert list(walk.parent.iterdir()) == [walk]
     assert walk.read_bytes() == before
+
+
+def test_where_a_table_cannot_go_is_said_before_it_is_made(
+    posecast: Callable[..., Outcome], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def never(*arguments: object, **options: object) -> None:
+        raise AssertionError("scored")
+
+    monkeypatch.setattr("posecast.cli.scoring.score_systems", never)
+    target = tmp_path / "nowhere" / "table.csv"
+    outcome = posecast("evaluate", "zero-velocity", "--corpus", "synthetic", "--csv", target)
+    assert outcome.code == 2
+    assert "there is no folder" in outcome.err
+
+
+def test_several_names_with_a_baseline_among_them_are_refused(
+    posecast: Callable[..., Outcome],
+) -> None:
+    outcome = posecast("evaluate", "zero-velocity", "running-average-2", "--corpus", "synthetic")
+    assert outcome.code == 2
+    assert "'zero-velocity' is a baseline, and all of them are in every table" in outcome.err
+
+
+def test_a_body_without_bones_is_not_drawn_and_is_noted_where_it_is_written(
+    posecast: Callable[..., Outcome], tmp_path: Path
+) -> None:
+    source, body = tmp_path / "amass.npz", tmp_path / "body.npy"
+    np.savez(source, poses=np.zeros((4, 72)), trans=np.zeros((4, 3)), mocap_framerate=60.0)
+    np.save(body, np.random.default_rng(0).uniform(-0.5, 0.5, (24, 3)))
+    refused = posecast("view", source, "--out", tmp_path / "a.png")
+    assert refused.code == 2
+    assert "give the body at rest (--template FILE)" in refused.err
+    assert "no bone lengths" in posecast("convert", source, tmp_path / "a.bvh").err
+    assert "no bone lengths" in posecast("inspect", source).out
+    drawn = posecast("view", source, "--out", tmp_path / "a.png", "--template", body)
+    assert (drawn.code, (tmp_path / "a.png").is_file()) == (0, True)
+
+
+def test_a_folder_half_converted_says_how_far_it_came(
+    posecast: Callable[..., Outcome], walk: Path, tmp_path: Path
+) -> None:
+    folder = tmp_path / "in"
+    folder.mkdir()
+    shutil.copy(walk, folder / "a.bvh")
+    (folder / "b.bvh").write_text("HIERARCHY")
+    outcome = posecast("convert", folder, tmp_path / "out", "--to", "npz")
+    assert outcome.code == 2
+    assert f"1 of 2 files were written to {tmp_path / 'out'} before this one" in outcome.err
+
+
+def test_too_little_memory_is_a_line(
+    posecast: Callable[..., Outcome], walk: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*arguments: object, **options: object) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr("posecast.cli.data_commands.load_clip", full)
+    outcome = posecast("inspect", walk)
+    assert outcome.code == 1
+    assert outcome.err == "posecast: there is not enough memory for this; try a shorter clip\n"
+
+
+def test_a_terminated_program_leaves_nothing_half_written(walk: Path, tmp_path: Path) -> None:
+    target = tmp_path / "walk.gif"
+    command = [sys.executable, "-m", "posecast.cli.main", "view", *[walk] * 4, "--out", target]
+    with subprocess.Popen(command) as drawing:
+        while drawing.poll() is None and not list(tmp_path.iterdir()):
+            time.sleep(0.01)
+        drawing.terminate()
+        assert drawing.wait(60) == 128 + signal.SIGTERM
+    assert not list(tmp_path.iterdir())

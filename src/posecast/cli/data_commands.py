@@ -7,18 +7,28 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from posecast.cli.terminal import JsonOption, print_json, progress_bar, say
-from posecast.errors import ConfigError, DataError
+from posecast.cli.terminal import (
+    FpsOption,
+    JsonOption,
+    SkeletonOption,
+    TemplateOption,
+    UnitOption,
+    UpOption,
+    print_json,
+    progress_bar,
+    say,
+)
+from posecast.errors import ConfigError, DataError, PosecastError
 
 if TYPE_CHECKING:
     from posecast.motion import Clip
 
 MOTION_SUFFIXES = (".bvh", ".amc", ".npz", ".txt")
 _MOST_FPS = 10_000
-FpsOption = Annotated[
-    float | None,
-    typer.Option("--fps", help="True frame rate of the input, where its header is wrong."),
-]
+BODILESS = (
+    "the file has no bone lengths, so all joints are at one point; give the body at rest "
+    "(--template FILE)"
+)
 
 
 def register(app: typer.Typer) -> None:
@@ -36,37 +46,66 @@ def convert(
         str | None, typer.Option("--to", help="bvh or npz: what a folder is converted to.")
     ] = None,
     fps: FpsOption = None,
+    unit: UnitOption = None,
+    up: UpOption = None,
+    skeleton: SkeletonOption = None,
+    template: TemplateOption = None,
     resample: Annotated[
         float | None, typer.Option("--resample", help="Frame rate of the output.")
     ] = None,
 ) -> None:
     """Convert motion capture: BVH, ASF/AMC, H3.6M text, AMASS or archive to BVH or archive."""
+    reading: dict[str, Any] = {
+        "fps": fps,
+        "unit": unit,
+        "up": up,
+        "skeleton": skeleton,
+        "template": template,
+    }
     if not source.is_dir():
         if to is not None:
             raise ConfigError(
                 f"--to {to} is for folders; {source} becomes what the name {target} ends with"
             )
-        save_clip(_clip_to_convert(source, fps=fps, resample=resample), target)
+        save_clip(_clip_to_convert(source, reading, resample=resample), target)
         return
     if to not in ("bvh", "npz"):
         raise ConfigError(f"{source} is a folder: say what to convert to with --to bvh or --to npz")
     places = _places(source, target, f".{to}")
     with progress_bar("converting") as advance:
-        for done, (written, path) in enumerate(places.items(), start=1):
-            clip = _clip_to_convert(path, fps=fps, resample=resample)
-            written.parent.mkdir(parents=True, exist_ok=True)
-            save_clip(clip, written)
-            advance(done, len(places))
+        for done, (written, path) in enumerate(places.items()):
+            try:
+                clip = _clip_to_convert(path, reading, resample=resample)
+                written.parent.mkdir(parents=True, exist_ok=True)
+                save_clip(clip, written)
+            except PosecastError:
+                say(f"{done} of {len(places)} files were written to {target} before this one:")
+                raise
+            advance(done + 1, len(places))
     say(f"{len(places)} files written to {target}")
 
 
 def inspect(
     files: Annotated[list[Path], typer.Argument(help="Motion files.")],
-    as_json: JsonOption = False,
+    as_json: Annotated[
+        bool,
+        typer.Option("--json", help="Print JSON and nothing else: an object, or a list of them."),
+    ] = False,
     fps: FpsOption = None,
+    unit: UnitOption = None,
+    up: UpOption = None,
+    skeleton: SkeletonOption = None,
+    template: TemplateOption = None,
 ) -> None:
     """Say what is in a motion file: joints, body, frame rate, length, extent, notes."""
-    facts = [_facts(path, load_clip(path, fps=fps)) for path in files]
+    reading: dict[str, Any] = {
+        "fps": fps,
+        "unit": unit,
+        "up": up,
+        "skeleton": skeleton,
+        "template": template,
+    }
+    facts = [_facts(path, load_clip(path, **reading)) for path in files]
     if as_json:
         print_json(facts[0] if len(facts) == 1 else facts)
         return
@@ -101,42 +140,65 @@ def view(
     ],
     out: Annotated[Path, typer.Option("--out", help="X.png (a strip), X.gif or X.mp4.")],
     fps: FpsOption = None,
+    unit: UnitOption = None,
+    up: UpOption = None,
+    skeleton: SkeletonOption = None,
+    template: TemplateOption = None,
     split_ms: Annotated[
         float | None, typer.Option("--split-ms", help="Frames after this time are the forecast.")
     ] = None,
 ) -> None:
     """Draw one or several clips without a display."""
+    from posecast.io.atomic import check_target
     from posecast.viewer import draw
 
-    loaded = [load_clip(path, fps=fps) for path in clips]
+    check_target(out)
+    reading: dict[str, Any] = {
+        "fps": fps,
+        "unit": unit,
+        "up": up,
+        "skeleton": skeleton,
+        "template": template,
+    }
+    loaded = [load_clip(path, **reading) for path in clips]
+    for path, clip in zip(clips, loaded, strict=True):
+        if clip.labels.get("offsets") == "unknown":
+            raise ConfigError(f"{path}: {BODILESS}")
     longest = max(clip.duration for clip in loaded) * 1000
     if split_ms is not None and not 0 <= split_ms < longest:
         raise ConfigError(
             f"--split-ms {split_ms:g}: expected a time in the clip, 0 to {longest:.0f} ms"
         )
     split = None if split_ms is None else round(split_ms / 1000 * loaded[0].fps)
-    draw(loaded, out, titles=[path.stem for path in clips], split_frame=split)
+    with progress_bar("drawing") as advance:
+        draw(
+            loaded,
+            out,
+            titles=[path.stem for path in clips],
+            split_frame=split,
+            progress=advance,
+        )
     say(f"{out} written")
 
 
-def load_clip(path: Path, *, fps: float | None = None) -> Clip:
-    """Read any motion file; ``fps`` takes the place of a wrong header."""
-    from dataclasses import replace
-
+def load_clip(path: Path, *, fps: float | None = None, **options: Any) -> Clip:
+    """Read any motion file; ``fps`` takes the place of a wrong header, ``None`` is not given."""
     from posecast.io import read_clip
 
-    clip = read_clip(path)
-    if fps is None:
-        return clip
-    _check_rate("--fps", fps)
-    return replace(clip, fps=fps)
+    if fps is not None:
+        _check_rate("--fps", fps)
+    given = {name: value for name, value in options.items() if value is not None}
+    return read_clip(path, fps=fps, **given)
 
 
 def save_clip(clip: Clip, path: Path) -> None:
     """Write any motion file, and say what its format could not keep."""
     from posecast.io import write_clip
 
-    for note in write_clip(clip, path):
+    notes = write_clip(clip, path)
+    if clip.labels.get("offsets") == "unknown" and path.suffix.lower() == ".bvh":
+        notes = (*notes, BODILESS)
+    for note in notes:
         say(f"note: {path}: {note}")
 
 
@@ -178,13 +240,13 @@ def _places(source: Path, target: Path, suffix: str) -> dict[Path, Path]:
     return places
 
 
-def _clip_to_convert(path: Path, *, fps: float | None, resample: float | None) -> Clip:
+def _clip_to_convert(path: Path, reading: dict[str, Any], *, resample: float | None) -> Clip:
     from posecast.motion import transforms
 
     if resample is None:
-        return load_clip(path, fps=fps)
+        return load_clip(path, **reading)
     _check_rate("--resample", resample)
-    return transforms.resample(load_clip(path, fps=fps), resample, phases="first")[0]
+    return transforms.resample(load_clip(path, **reading), resample, phases="first")[0]
 
 
 def _print_facts(fact: dict[str, Any]) -> None:
@@ -219,7 +281,10 @@ def _facts(path: Path, clip: Clip) -> dict[str, Any]:
         "bones_move": clip.translations_local is not None,
         "labels": dict(clip.labels),
         "tracks": sorted(clip.tracks),
-        "notes": list(getattr(clip.source, "notes", ())),
+        "notes": [
+            *getattr(clip.source, "notes", ()),
+            *([BODILESS] if clip.labels.get("offsets") == "unknown" else []),
+        ],
         "joints": [
             {
                 "name": name,

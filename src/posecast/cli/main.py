@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
+import threading
 from collections.abc import Sequence
+from contextlib import ExitStack
 from typing import Annotated
 
 import typer
@@ -48,6 +51,16 @@ for register in (model_commands.register, data_commands.register):
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line; what a user can mend is one line on standard error and exit code 2."""
+    with ExitStack() as stack:
+        if threading.current_thread() is threading.main_thread():
+            # As Ctrl-C does: what is half written is removed on the way out.
+            before = signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(128 + number))
+            stack.callback(signal.signal, signal.SIGTERM, before)
+        _run(arguments)
+
+
+def _run(arguments: Sequence[str] | None) -> None:
+    """Run the command line, whatever becomes of the process."""
     try:
         app(args=None if arguments is None else list(arguments), prog_name="posecast")
     except PosecastError as error:
@@ -56,6 +69,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except BrokenPipeError:
         # The reader of our output is gone (as in `posecast ... | head`): nothing left to say to it.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(1)
+    except MemoryError:
+        sys.stderr.write("posecast: there is not enough memory for this; try a shorter clip\n")
         sys.exit(1)
     except OSError as error:
         # What the system refuses where no reader or writer was asked: a closed folder, a full disk.

@@ -9,13 +9,19 @@ import typer
 
 from posecast.cli.terminal import (
     CorpusOption,
+    FpsOption,
     JsonOption,
     RootOption,
+    SkeletonOption,
+    TemplateOption,
+    UnitOption,
+    UpOption,
+    check_root,
     print_json,
     progress_bar,
     say,
 )
-from posecast.errors import ConfigError
+from posecast.errors import SkeletonError
 
 if TYPE_CHECKING:
     from posecast.motion.corpus import Corpus
@@ -105,7 +111,13 @@ def train(
         "auto" if nodes is None else nodes,
     )
     data = read_corpus(chosen, root)
-    result = train_system(chosen, data, out, machines=machines, resume=resume, progress=not quiet)
+    try:
+        result = train_system(
+            chosen, data, out, machines=machines, resume=resume, progress=not quiet
+        )
+    except KeyboardInterrupt:
+        say(f"stopped; the same command with --resume goes on from the last state in {out}")
+        raise
     if not result.is_main_process:
         return
     for note in data.notes:
@@ -143,12 +155,16 @@ def evaluate(
 ) -> None:
     """Score systems under a protocol, beside zero velocity and running averages."""
     from posecast.cli.scoring import score_systems
+    from posecast.io.atomic import check_target
 
+    for path in (markdown, csv):
+        if path is not None:
+            check_target(path)
     report = score_systems(systems, corpus=corpus, root=root, protocol=protocol, split=split)
+    typer.echo(report.to_json() if as_json else report.to_markdown())
     for path, text in ((markdown, report.to_markdown()), (csv, report.to_csv())):
         if path is not None:
             _write_text(path, text)
-    typer.echo(report.to_json() if as_json else report.to_markdown())
 
 
 def forecast(
@@ -163,26 +179,32 @@ def forecast(
             help="How far to look ahead, milliseconds, up to an hour.",
         ),
     ] = 1000,
-    fps: Annotated[
-        float | None,
-        typer.Option("--fps", help="True frame rate of the clip, where its header is wrong."),
-    ] = None,
+    fps: FpsOption = None,
+    unit: UnitOption = None,
+    up: UpOption = None,
+    skeleton: SkeletonOption = None,
+    template: TemplateOption = None,
 ) -> None:
     """Continue a clip: writes the clip and its forecast in the clip's own conventions."""
     from posecast.cli.data_commands import load_clip, save_clip
+    from posecast.io.atomic import check_target
     from posecast.system import load
 
+    check_target(out)
     system = load(checkpoint)
-    known = load_clip(clip, fps=fps)
-    save_clip(system.forecast(known, horizon_ms=horizon_ms), out)
+    known = load_clip(clip, fps=fps, unit=unit, up=up, skeleton=skeleton, template=template)
+    try:
+        continued = system.forecast(known, horizon_ms=horizon_ms)
+    except SkeletonError as error:
+        raise SkeletonError(f"{clip}: {error}") from None
+    save_clip(continued, out)
     say(f"{out} written: the forecast begins after {known.frames} frames")
 
 
 def read_corpus(recipe: Recipe, root: Path | None) -> Corpus:
     """A recipe's corpus, with a bar while files are parsed for the first time."""
     kind = recipe.config["corpus"]["kind"]
-    if root is not None and not root.is_dir():
-        raise ConfigError(f"--root {root}: not a folder; give the folder of corpus {kind!r}")
+    check_root(kind, root)
     with progress_bar(f"reading {kind}") as advance:
         return recipe.build_corpus(root, progress=advance)
 

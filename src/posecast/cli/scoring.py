@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from posecast.cli.terminal import progress_bar
+from posecast.cli.terminal import check_root, progress_bar
 from posecast.config import did_you_mean
 from posecast.corpora import build_corpus
 from posecast.errors import ConfigError
@@ -45,6 +45,11 @@ def score_systems(
         data = _read(corpus, root, chosen.fps or BASELINE_FPS)
         return evaluate_predictors(BASELINES[names[0]], chosen, data, system=names[0], split=split)
     for name in names:
+        if name in BASELINES:
+            raise ConfigError(
+                f"{name!r} is a baseline, and all of them are in every table; name one alone, or "
+                "checkpoint folders"
+            )
         if not Path(name).is_dir() and Path(name).name == name:  # a path: loading it says more
             raise ConfigError(
                 f"{name!r} is neither a checkpoint folder nor a baseline; "
@@ -78,11 +83,13 @@ def _corpus_of(system: System, corpus: str | None, root: Path | None) -> Corpus:
     """The corpus by name, or the recipe's own with its options, at the system's frame rate."""
     own = system.recipe.config["corpus"]["kind"]
     if corpus in (None, own):
+        check_root(own, root)
         with progress_bar(f"reading {own}") as advance:
             return system.recipe.build_corpus(root, progress=advance)
     return _read(str(corpus), root, system.fps)
 
 
 def _read(kind: str, root: Path | None, fps: float) -> Corpus:
+    check_root(kind, root)
     with progress_bar(f"reading {kind}") as advance:
         return build_corpus(kind, root=root, fps=fps, cache=None, progress=advance)

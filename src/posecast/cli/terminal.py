@@ -12,12 +12,36 @@ from typing import Annotated, Any
 
 import typer
 
+from posecast.errors import ConfigError
+
+GENERATED = "synthetic"
+"""The corpus that is read from no folder."""
+
 JsonOption = Annotated[
     bool, typer.Option("--json", help="Print one JSON object and nothing else, for programs.")
 ]
 CorpusOption = Annotated[
     str | None,
     typer.Option("--corpus", help="Named corpus: synthetic, cmu-salsa, h36m, folder, ..."),
+]
+FpsOption = Annotated[
+    float | None,
+    typer.Option("--fps", help="True frame rate of the input, where its header is wrong."),
+]
+UnitOption = Annotated[
+    float | None,
+    typer.Option("--unit", help="BVH: metres per file unit, such as 0.01; else it is guessed."),
+]
+UpOption = Annotated[
+    str | None, typer.Option("--up", help="BVH: the vertical axis, x, y or z; else it is guessed.")
+]
+SkeletonOption = Annotated[
+    Path | None,
+    typer.Option("--skeleton", help="AMC: the actor's .asf; else the one beside it is taken."),
+]
+TemplateOption = Annotated[
+    Path | None,
+    typer.Option("--template", help="AMASS: joint positions of the body at rest (.npy, .npz)."),
 ]
 RootOption = Annotated[
     Path | None, typer.Option("--root", help="Folder in which that corpus lies, unpacked.")
@@ -35,6 +59,20 @@ def print_json(value: Any) -> None:
 def say(text: str) -> None:
     """A line for people, on standard error, so that standard output stays for results."""
     sys.stderr.write(text + "\n")
+
+
+def check_root(kind: str, root: Path | None) -> None:
+    """Refuse a folder of recordings that is none; say so where the corpus has no use for one.
+
+    Raises:
+        ConfigError: ``root`` is not a folder.
+    """
+    if root is None:
+        return
+    if kind == GENERATED:
+        say(f"note: corpus {kind!r} is generated; --root {root} is not read")
+    elif not root.is_dir():
+        raise ConfigError(f"--root {root}: not a folder; give the folder of corpus {kind!r}")
 
 
 @contextmanager

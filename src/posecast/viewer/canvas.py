@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import importlib
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
@@ -47,11 +50,20 @@ def new_figure(width: int, height: int) -> Figure:
 def pixels(figure: Figure) -> Pixels:
     """The figure as it is now, (height, width, 3)."""
     canvas: Any = figure.canvas
-    canvas.draw()
+    with _known_fonts():
+        canvas.draw()
     return np.asarray(canvas.buffer_rgba())[..., :3].copy()
+
+
+@contextmanager
+def _known_fonts() -> Iterator[None]:
+    """A title in a script that no font here has becomes boxes, without a warning for each."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", r"Glyph .* missing from font")
+        yield
 
 
 def save_png(figure: Figure, path: str | PathLike[str]) -> None:
     """Write the figure as PNG, whole or not at all."""
-    with atomic_write(path) as temporary:
+    with atomic_write(path) as temporary, _known_fonts():
         figure.savefig(temporary, format="png", dpi=DPI)

@@ -29,6 +29,8 @@ from posecast.viewer.scene import (
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+Progress = Callable[[int, int], None]
+
 # Left limbs warm, right limbs cool; the same lightness order in grey.
 COLORS: Mapping[str, Mapping[str, str]] = {
     "truth": {"left": "#8c8c8c", "middle": "#6a6a6a", "right": "#3f3f3f"},
@@ -52,6 +54,7 @@ def draw(
     split_frame: int | None = None,
     camera: Camera = "auto",
     stills: int = 8,
+    progress: Progress | None = None,
 ) -> None:
     """Draw clips side by side: a strip of stills (.png) or a moving picture (.gif, .mp4).
 
@@ -68,6 +71,7 @@ def draw(
         camera: ``fixed``; ``follow`` moves along with each body over the floor; ``auto`` follows
             a body that travels far, and every body in a strip.
         stills: how many poses a strip shows, evenly in time.
+        progress: called with (frames drawn, frames in all) of a moving picture.
 
     Raises:
         ConfigError: no clips, an unknown extension, or what draws is not installed.
@@ -81,7 +85,11 @@ def draw(
     names = titles if titles is not None else [clip.name for clip in clips]
     split = None if split_frame is None else split_frame / clips[0].fps
     stage = Stage(figures, look(facing(clips[0]) + _AZIMUTH, _ELEVATION), names, split)
-    _WRITERS[target.suffix.lower()](stage, target, stills)
+    _WRITERS[target.suffix.lower()](stage, target, stills, progress or _ignore)
+
+
+def _ignore(done: int, total: int) -> None:
+    """Show no progress."""
 
 
 class Stage:
@@ -209,7 +217,7 @@ def _panels(
     return figure, axes
 
 
-def _strip(stage: Stage, path: Path, stills: int) -> None:
+def _strip(stage: Stage, path: Path, stills: int, progress: Progress) -> None:
     """Poses evenly in time, a row for each clip."""
     figure, axes = _panels(stage, len(stage.figures), stills, height=_PANEL // 2, left=_ROW_TITLE)
     times = np.linspace(0.0, stage.duration, stills) if stills > 1 else np.zeros(1)
@@ -235,7 +243,7 @@ def _strip(stage: Stage, path: Path, stills: int) -> None:
     save_png(figure, path)
 
 
-def _frames(stage: Stage, fps: float) -> Iterator[Pixels]:
+def _frames(stage: Stage, fps: float, progress: Progress) -> Iterator[Pixels]:
     """All frames of a moving picture, one at a time."""
     figure, axes = _panels(stage, 1, len(stage.figures), height=_PANEL)
     panels = [Panel(stage, index, cell) for index, cell in enumerate(axes)]
@@ -245,12 +253,14 @@ def _frames(stage: Stage, fps: float) -> Iterator[Pixels]:
         )
     top = 1 - 6 / figure.bbox.height
     clock = figure.text(0.5, top, "", ha="center", va="top", size=10, family="monospace")
-    for frame in range(frame_count(stage.duration, fps)):
+    count = frame_count(stage.duration, fps)
+    for frame in range(count):
         time = frame / fps
         clock.set_text(stage.clock(time))
         for panel in panels:
             panel.show(time)
         yield pixels(figure)
+        progress(frame + 1, count)
 
 
 def _shortened(title: str, room: float) -> str:
@@ -264,18 +274,18 @@ def frame_count(duration: float, fps: float) -> int:
     return int(np.floor(duration * fps + 1e-6)) + 1
 
 
-def _gif(stage: Stage, path: Path, stills: int) -> None:
+def _gif(stage: Stage, path: Path, stills: int, progress: Progress) -> None:
     fps = gif_rate(stage.figures[0].fps)
     drawn = [color for palette in COLORS.values() for color in palette.values()]
-    write_gif(_frames(stage, fps), path, fps, [*drawn, _GRID, _SHADOW, _NOTE, _TEXT])
+    write_gif(_frames(stage, fps, progress), path, fps, [*drawn, _GRID, _SHADOW, _NOTE, _TEXT])
 
 
-def _mp4(stage: Stage, path: Path, stills: int) -> None:
+def _mp4(stage: Stage, path: Path, stills: int, progress: Progress) -> None:
     fps = mp4_rate(stage.figures[0].fps)
-    write_mp4(_frames(stage, fps), path, fps)
+    write_mp4(_frames(stage, fps, progress), path, fps)
 
 
-_WRITERS: Mapping[str, Callable[[Stage, Path, int], None]] = {
+_WRITERS: Mapping[str, Callable[[Stage, Path, int, Progress], None]] = {
     ".png": _strip,
     ".gif": _gif,
     ".mp4": _mp4,
