@@ -72,6 +72,22 @@ def test_truth_is_grey_and_the_forecast_is_colored_from_the_split_on(stand, tmp_
                 assert _has(right, COLORS["truth"][side]) == (frame < 10)
 
 
+def test_a_forecast_that_sinks_is_seen_to_sink_below_a_shared_floor(stand, tmp_path):
+    truth, forecast = stand(), stand()
+    forecast.root_positions[10:, 1] -= 0.3
+    draw([truth, forecast], tmp_path / "a.gif", split_frame=10)
+    heads = []
+    with Image.open(tmp_path / "a.gif") as picture:
+        for frame in (0, 19):
+            picture.seek(frame)
+            ink = np.asarray(picture.convert("L"))[50:-60] < 150
+            halves = np.split(ink[:, : ink.shape[1] // 2 * 2], 2, axis=1)
+            heads.append([int(half.any(axis=1).argmax()) for half in halves])
+    (known, known_too), (true, guessed) = heads
+    assert abs(known - known_too) <= 1
+    assert guessed - true > 20
+
+
 def test_a_single_clip_is_colored_and_its_sides_differ(stand, tmp_path):
     draw([stand()], tmp_path / "a.png", stills=3)
     with Image.open(tmp_path / "a.png") as picture:

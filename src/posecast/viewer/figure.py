@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -60,8 +61,8 @@ def draw(
 
     One camera sees all clips at one scale, upright, and nothing ever leaves the frame. Times are
     in milliseconds, from ``split_frame`` if there is one. Of several clips the first is the truth,
-    in grey; the others, or a single one, are colored from ``split_frame`` on if there is one. A
-    clip that ends before the longest rests in its last pose.
+    in grey; the others, or a single one, are colored from ``split_frame`` on if there is one, and
+    stand on the floor of the first. A clip that ends before the longest rests in its last pose.
 
     Args:
         clips: any skeletons and frame rates.
@@ -83,7 +84,11 @@ def draw(
         camera = "follow"  # the poses of a strip stand side by side anyway
     figures = [figure_of(clip, camera) for clip in clips]
     names = titles if titles is not None else [clip.name for clip in clips]
-    split = None if split_frame is None else split_frame / clips[0].fps
+    split = None
+    if split_frame is not None:
+        split = split_frame / clips[0].fps
+        # They share a past, so they share a floor: a forecast that sinks is seen to sink.
+        figures = [replace(figure, floor=figures[0].floor) for figure in figures]
     stage = Stage(figures, look(facing(clips[0]) + _AZIMUTH, _ELEVATION), names, split)
     _WRITERS[target.suffix.lower()](stage, target, stills, progress or _ignore)
 
