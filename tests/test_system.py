@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 import torch
 import yaml
 
+from posecast.checkpoint import load_checkpoint, save_checkpoint
 from posecast.config import merge, parse_overrides
 from posecast.corpora.synthetic import synthetic
 from posecast.errors import ConfigError, DataError
@@ -121,6 +123,28 @@ def test_weights_that_are_no_numbers_are_refused(run: Path, tmp_path: Path) -> N
     save(system, tmp_path / "sick")
     with pytest.raises(DataError, match=r"weight .* has values that are no numbers"):
         load(tmp_path / "sick")
+
+
+@pytest.mark.parametrize(
+    ("fact", "value", "message"),
+    [("fps", -1, "-1 frames per second"), ("format", 0, "format 0"), ("format", True, "format")],
+)
+def test_facts_that_do_not_fit_are_refused(
+    run: Path, tmp_path: Path, fact: str, value: object, message: str
+) -> None:
+    save(load(run / "best"), tmp_path / "copy")
+    path = tmp_path / "copy" / "checkpoint.json"
+    path.write_text(json.dumps({**json.loads(path.read_text()), fact: value}))
+    with pytest.raises(DataError, match=message):
+        load(tmp_path / "copy")
+
+
+def test_tensors_that_no_system_has_are_refused(run: Path, tmp_path: Path) -> None:
+    checkpoint = load_checkpoint(run / "best")
+    tensors = {**checkpoint.tensors, "stray": torch.zeros(2)}
+    save_checkpoint(replace(checkpoint, tensors=tensors), tmp_path / "copy")
+    with pytest.raises(DataError, match="holds 'stray', which no system has"):
+        load(tmp_path / "copy")
 
 
 def test_a_corpus_at_another_rate_is_refused(recipe: Recipe, tmp_path: Path) -> None:

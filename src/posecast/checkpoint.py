@@ -133,7 +133,10 @@ def load_checkpoint(folder: Path) -> Checkpoint:
     except (SafetensorError, yaml.YAMLError, UnicodeDecodeError) as error:
         raise DataError(folder, f"damaged: {' '.join(str(error).split())}") from None
     if not isinstance(recipe, dict):
-        raise DataError(folder / RECIPE, "expected a mapping of keys to values")
+        raise DataError(
+            folder / RECIPE,
+            "no mapping of keys to values, expected a recipe; copy the folder again",
+        )
     try:
         checkpoint = Checkpoint(
             recipe=recipe,
@@ -175,9 +178,9 @@ def _read_facts(path: Path) -> dict[str, Any]:
     except RecursionError:
         raise DataError(path, "brackets nested too deep for what a checkpoint says") from None
     except (json.JSONDecodeError, UnicodeDecodeError) as error:
-        raise DataError(path, f"not valid JSON ({error})") from None
+        raise DataError(path, f"not valid JSON ({error}); copy the folder again") from None
     found = facts.get("format") if isinstance(facts, dict) else None
-    if not isinstance(found, int) or found > FORMAT:
+    if isinstance(found, bool) or not isinstance(found, int) or not 1 <= found <= FORMAT:
         raise DataError(
             path, f"checkpoint format {found!r}, this version reads up to {FORMAT}; update posecast"
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -64,7 +65,7 @@ class Recipe:
 
     def __post_init__(self) -> None:
         config = self.config
-        check_keys(config, (*TEXTS, *SECTIONS), self.name)
+        self._check_top(config)
         missing = [section for section in (*TEXTS, *SECTIONS) if section not in config]
         if missing:
             raise ConfigError(f"{self.name}: {', '.join(missing)} must be given")
@@ -98,6 +99,22 @@ class Recipe:
         # Built here only for their own checks: all five are small values.
         _ = self.plan, self.feed, self.sampling, self.objective, self.protocol
         self._check_network()
+
+    def _check_top(self, config: Mapping[str, Any]) -> None:
+        """Refuse keys at the top that belong there as little as elsewhere, or only elsewhere."""
+        for key in config:
+            if key in (*TEXTS, *SECTIONS):
+                continue
+            deeper = [
+                *(f"training.{name}" for name in inspect.signature(Plan).parameters),
+                *_flat({section: config.get(section, {}) for section in SECTIONS[1:]}),
+            ]
+            places = [place for place in deeper if place.rpartition(".")[2] == key]
+            if places:
+                raise ConfigError(
+                    f"{self.name}.{key}: unknown key at the top; did you mean {places[0]!r}?"
+                )
+        check_keys(config, (*TEXTS, *SECTIONS), self.name)
 
     @property
     def name(self) -> str:
@@ -313,7 +330,8 @@ def _resolve(path: Path) -> dict[str, Any]:
     if "extends" in base:
         raise ConfigError(
             f"{path.stem}: extends {base_name!r}, which itself extends {base['extends']!r}; "
-            f"extend {base['extends']!r} instead"
+            f"extend {base['extends']!r} and repeat what {base_name!r} adds to it, or train "
+            f"{base_name!r} with overrides (KEY=VALUE)"
         )
     return merge(base, own)
 

@@ -96,6 +96,15 @@ def load(folder: str | Path) -> System:
                 folder, f"statistics {sorted(statistics)}; expected mean, scale"
             ) from None
     weights = _part(checkpoint.tensors, WEIGHTS)
+    if checkpoint.fps != recipe.fps:
+        raise DataError(
+            folder,
+            f"{checkpoint.fps:g} frames per second, but its recipe has {recipe.fps:g}; copy the "
+            "folder again",
+        )
+    strange = [name for name in checkpoint.tensors if not name.startswith((WEIGHTS, STATISTICS))]
+    if strange:
+        raise DataError(folder, f"holds {strange[0]!r}, which no system has; copy the folder again")
     _check_weights(weights, recipe.outline(codec).state_dict(), folder)
     with torch.random.fork_rng(devices=[]):  # the weights drawn here are replaced at once
         forecaster = recipe.build_forecaster(codec)

@@ -77,6 +77,9 @@ def test_every_key_of_a_recipe_is_checked_for_spelling(name: str) -> None:
 @pytest.mark.parametrize(
     ("override", "message"),
     [
+        ("epochs=3", "epochs: unknown key at the top; did you mean 'training.epochs'?"),
+        ("hidden=64", "did you mean 'model.backbone.hidden'?"),
+        ("model.backbone.layers=1000000", "layers: 1000000; expected 1 to 100"),
         ("training.epochz=1", "training.epochz: unknown key; did you mean 'epochs'?"),
         ("model.backbone.hidden=many", "model.backbone.hidden: found 'many', expected a whole"),
         ("model.residual=sum", "model.residual: found 'sum', expected one of 'none'"),
@@ -124,7 +127,7 @@ def test_a_recipe_may_extend_one_that_extends_nothing(tmp_path: Path) -> None:
     recipe = load_recipe(str(tmp_path / "mine.yaml"))
     assert (recipe.name, recipe.plan.epochs, recipe.plan.batch) == ("mine", 7, 60)
     (tmp_path / "deeper.yaml").write_text("extends: mine\n")
-    with pytest.raises(ConfigError, match="extend 'quaternet-vel' instead"):
+    with pytest.raises(ConfigError, match="extend 'quaternet-vel' and repeat what 'mine' adds"):
         load_recipe(str(tmp_path / "deeper.yaml"))
 
 

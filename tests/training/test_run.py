@@ -152,6 +152,11 @@ def test_a_run_killed_before_its_first_state_is_not_overwritten_either(tiny, tmp
     assert [path.name for path in tmp_path.iterdir()] == [left]
 
 
+def test_the_state_is_open_to_whom_new_files_are(whole):
+    folder = whole[0]
+    assert (folder / STATE).stat().st_mode == (folder / "log.csv").stat().st_mode
+
+
 def test_the_first_epoch_is_kept_at_once(tiny, tmp_path):
     kept = []
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
+from safetensors.torch import save as tensors_to_bytes
 from torch import Tensor, nn
 from torch.optim import Optimizer
 
@@ -62,7 +62,8 @@ def write_state(state: TrainingState, path: Path) -> None:
         # Copies, because the format refuses tensors that share memory, as tied weights do.
         copies = {name: value.detach().cpu().clone() for name, value in tensors.items()}
         try:
-            save_file(copies, temporary, metadata={KEY: json.dumps(facts)})
+            # Not save_file: what it writes is closed to all other users.
+            temporary.write_bytes(tensors_to_bytes(copies, metadata={KEY: json.dumps(facts)}))
         except (OSError, SafetensorError) as error:
             raise DataError(path, f"cannot be written ({error})") from None
 
