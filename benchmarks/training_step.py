@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Callable
 from functools import partial
 from typing import TypeVar
@@ -24,6 +25,17 @@ JOINTS, HIDDEN, LAYERS = 32, 1000, 2
 SHARES_OF_TRUTH = (1.0, 0.5, 0.0)
 CLIP, RATE = 0.1, 1e-3
 GOAL = 1.7
+CEILING_GOAL = 0.65
+STEPS = PREFIX + HORIZON - 1
+FLOPS = (
+    6
+    * BATCH
+    * (
+        STEPS * 3 * HIDDEN * (4 * JOINTS + HIDDEN + (LAYERS - 1) * 2 * HIDDEN)
+        + HORIZON * HIDDEN * 4 * JOINTS
+    )
+)
+"""Multiplications and additions of the matrix products of a step, forward and twice backward."""
 
 MEDIUM = "posecast, medium"
 
@@ -36,11 +48,15 @@ def run(rounds: int = 5) -> list[dict[str, object]]:
     Both candidates do forward, loss, backward, clipping and Adam on the same batch. The plain one
     calls ``nn.GRU`` once for the prefix and once for each frame after it, with PyTorch's default
     Adam. ``products`` is every matrix product of the step, each by the fastest exact kernel, and
-    nothing else. With PyTorch's precision ``medium``, processors with AMX round the factors to
-    bfloat16, others change nothing; it shows in ``gradient_difference``, the length of the
-    difference to the plain gradient as a share of that gradient's length.
+    nothing else; ``floor_share`` is its time as a share of a step's. ``ceiling_share`` is the rate
+    of a step's products as a share of the rate of one product of 2048 x 2048 matrices, which is as
+    fast as this machine multiplies: a ratio to the plain loop says as much about the loop as about
+    us, and differs between processors. With PyTorch's precision ``medium``, processors with AMX
+    round the factors to bfloat16, others change nothing; it shows in ``gradient_difference``, the
+    length of the difference to the plain gradient as a share of that gradient's length.
     """
     rows: list[dict[str, object]] = []
+    ceiling = _fastest_rate()
     for share in SHARES_OF_TRUTH:
         mask = [share == 1 or (share > 0 and step % 2 == 0) for step in range(HORIZON)]
         candidates = {
@@ -64,6 +80,8 @@ def run(rounds: int = 5) -> list[dict[str, object]]:
                     "ms": 1e3 * times[name].median_seconds,
                     "ratio": times[name].ratio,
                     "goal": GOAL if name == "posecast" else None,
+                    "ceiling_share": FLOPS / times[name].median_seconds / ceiling,
+                    "ceiling_goal": CEILING_GOAL if name == "posecast" else None,
                     "floor_share": floor / times[name].median_seconds,
                     "gradient_difference": (
                         float((found[name] - exact).norm() / exact.norm())
@@ -75,6 +93,20 @@ def run(rounds: int = 5) -> list[dict[str, object]]:
                 }
             )
     return rows
+
+
+def _fastest_rate(size: int = 2048, rounds: int = 7) -> float:
+    """Operations a second of one large product by the fastest exact kernel."""
+    left, right = torch.randn(2, size, size)
+    seconds: list[float] = []
+    for _ in range(rounds):
+        start = time.perf_counter()
+        left @ right
+        middle = time.perf_counter()
+        with exact_products(left):
+            left @ right
+        seconds += (middle - start, time.perf_counter() - middle)
+    return float(2 * size**3 / min(seconds))
 
 
 def _make_forecaster() -> Forecaster:
@@ -94,8 +126,8 @@ def _loss(forecaster: Forecaster, mask: list[bool], *, plain: bool) -> Tensor:
     """QuaterNet's loss of one random batch."""
     generator = torch.Generator().manual_seed(1)
     start, speed = 0.5 * torch.randn(2, BATCH, 1, JOINTS, 3, generator=generator)
-    time = torch.arange(PREFIX + HORIZON)[:, None, None] / 25
-    rotations = quaternion.exp(start + speed * time)
+    seconds = torch.arange(PREFIX + HORIZON)[:, None, None] / 25
+    rotations = quaternion.exp(start + speed * seconds)
     features = rotations.flatten(-2)
     prefix, truth = features[:, :PREFIX], features[:, PREFIX:]
     if plain:
@@ -151,7 +183,7 @@ def _gradient(mask: list[bool], *, plain: bool) -> Tensor:
 
 def _products(mask: list[bool]) -> Callable[[], object]:
     """All matrix products of a step, on random factors."""
-    steps, gates = PREFIX + HORIZON - 1, 3 * HIDDEN
+    steps, gates = STEPS, 3 * HIDDEN
     runs = [PREFIX]
     for given in mask[1:]:
         if given:

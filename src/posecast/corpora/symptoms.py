@@ -20,6 +20,7 @@ _FEWEST_SWINGS = 8
 
 
 def units(evidence: Evidence) -> Iterator[Finding]:
+    """Bodies that are no size of a person's, and units that differ from file to file."""
     heights = {fact.name: fact.height for fact in evidence.readable if fact.height > 0}
     if not heights:
         return
@@ -58,6 +59,7 @@ def _is_human(height: float) -> bool:
 
 
 def axes(evidence: Evidence) -> Iterator[Finding]:
+    """A vertical axis, by the motion, that is not y or not the same in all files."""
     found = Counter(fact.up for fact in evidence.readable if fact.up)
     if not found or (len(found) == 1 and "y" in found):
         return
@@ -85,6 +87,7 @@ def axes(evidence: Evidence) -> Iterator[Finding]:
 
 
 def frame_rate(evidence: Evidence) -> Iterator[Finding]:
+    """Rates that differ, or at which people would step too quickly or slowly."""
     rates = Counter(fact.fps for fact in evidence.readable)
     if len(rates) > 1 and max(rates) / min(rates) > 1.001:
         yield Finding(
@@ -127,6 +130,7 @@ def _likely_rate(fps: float, swing: float) -> float:
 
 
 def bones(evidence: Evidence) -> Iterator[Finding]:
+    """Bones of length zero, and bones whose length changes."""
     without = Counter(name for fact in evidence.readable for name in fact.without_length)
     if without:
         yield Finding(
@@ -156,6 +160,7 @@ def bones(evidence: Evidence) -> Iterator[Finding]:
 
 
 def first_frames(evidence: Evidence) -> Iterator[Finding]:
+    """T poses that a conversion put before the first frame."""
     posed = tuple(fact.name for fact in evidence.readable if fact.t_pose)
     if posed:
         yield Finding(
@@ -170,6 +175,7 @@ def first_frames(evidence: Evidence) -> Iterator[Finding]:
 
 
 def jumps(evidence: Evidence) -> Iterator[Finding]:
+    """Roots that leap and joints that flip from one frame to the next."""
     leaps = [(jump, fact) for fact in evidence.readable for jump in fact.leaps]
     if leaps:
         jump, fact = max(leaps, key=lambda found: found[0].amount)

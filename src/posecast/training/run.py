@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import importlib.util
 import json
 import logging
@@ -272,6 +273,8 @@ def _trainer(
 
 def _run(trainer: Trainer, module: TrainingModule, keeper: Keeper, *, progress: bool) -> None:
     """Train, with PyTorch's random streams put back afterwards."""
+    if trainer.world_size > 1:
+        atexit.register(_leave_group)
     device = trainer.strategy.root_device
     own = [device] if device.type == "cuda" else []
     with ExitStack() as stack:
@@ -284,6 +287,12 @@ def _run(trainer: Trainer, module: TrainingModule, keeper: Keeper, *, progress: 
             if trainer.interrupted:  # Lightning makes an exit of Ctrl-C
                 raise KeyboardInterrupt from None
             raise
+
+
+def _leave_group() -> None:
+    """End the threads that processes talk through; one left to the end of Python may abort it."""
+    if torch.distributed.is_initialized():
+        torch.distributed.destroy_process_group()
 
 
 @contextmanager
