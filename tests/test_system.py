@@ -147,6 +147,32 @@ def test_tensors_that_no_system_has_are_refused(run: Path, tmp_path: Path) -> No
         load(tmp_path / "copy")
 
 
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ("training.select_best_by=eulr", "select_best_by: validation measures no 'eulr'; did you"),
+        ("protocol.prefix_ms=200000", "none of its"),
+        ("protocol.kind=h36m-128", "use protocol 'short-term'"),
+    ],
+)
+def test_what_validation_could_not_do_is_said_before_training(
+    recipe: Recipe, corpus: Corpus, tmp_path: Path, changed: str, message: str
+) -> None:
+    other = Recipe(merge(recipe.config, parse_overrides([changed])))
+    with pytest.raises(ConfigError, match=message):
+        train(other, corpus, tmp_path / "run", progress=False)
+    assert not (tmp_path / "run").exists()
+
+
+def test_nothing_is_the_best_without_validation(
+    recipe: Recipe, corpus: Corpus, tmp_path: Path
+) -> None:
+    bare = replace(corpus, splits={"train": corpus.splits["train"]})
+    other = Recipe(merge(recipe.config, parse_overrides(["training.select_best_by=euler"])))
+    with pytest.raises(ConfigError, match="has no validation clips to measure it on"):
+        train(other, bare, tmp_path, progress=False)
+
+
 def test_a_corpus_at_another_rate_is_refused(recipe: Recipe, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="works at 25 frames per second, the corpus has 30"):
         train(recipe, synthetic(fps=30.0, clips=6, seconds=3.0), tmp_path, progress=False)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import torch
 
 from posecast.checkpoint import Checkpoint, load_checkpoint, save_checkpoint
+from posecast.config import did_you_mean
 from posecast.errors import ConfigError, DataError
 from posecast.evaluation.scores import AVERAGE, Scores
 from posecast.forecast import forecast_clip
@@ -168,6 +169,7 @@ def train(
             f"{recipe.name} works at {recipe.fps:g} frames per second, the corpus has "
             f"{corpus.fps:g}; build it at {recipe.fps:g}"
         )
+    _check_validation(recipe, corpus)
     codec = recipe.build_codec(corpus.skeleton, recipe.measure(corpus))
     with torch.random.fork_rng(devices=[]):
         torch.random.manual_seed(recipe.plan.seed)
@@ -229,6 +231,34 @@ def _check_weights(
 def _shape(values: torch.Tensor | None) -> str:
     """The shape of a tensor in words."""
     return "missing" if values is None else "x".join(map(str, values.shape)) or "one number"
+
+
+def _check_validation(recipe: Recipe, corpus: Corpus) -> None:
+    """Refuse now what would come up at the first validation.
+
+    Raises:
+        ConfigError: the protocol does not fit the validation clips, or ``select_best_by`` is
+            nothing that is measured.
+    """
+    wanted = recipe.plan.select_best_by
+    if not corpus.splits.get("validation"):
+        if wanted is not None:
+            raise ConfigError(
+                f"training.select_best_by: {wanted!r}, but corpus {corpus.name!r} has no "
+                "validation clips to measure it on; leave it out"
+            )
+        return
+    protocol = recipe.protocol
+    protocol.windows(corpus, "validation")
+    known = [
+        protocol.metrics[0],
+        *(f"{metric}_{ms:g}ms" for metric in protocol.metrics for ms in protocol.horizons_ms),
+    ]
+    if wanted is not None and wanted not in known:
+        raise ConfigError(
+            f"training.select_best_by: validation measures no {wanted!r}; "
+            f"{did_you_mean(wanted, known)}"
+        )
 
 
 def _summary(scores: Scores) -> dict[str, float]:

@@ -214,3 +214,8 @@ def test_a_value_that_was_not_measured_is_refused(corpus):
     scores = build_protocol("h36m-standard").score(ZeroVelocity(), corpus)
     with pytest.raises(ConfigError, match="80, 160, 320, 400 ms"):
         scores.value("euler", 560)
+
+
+def test_a_protocol_that_measures_nothing_is_refused():
+    with pytest.raises(ConfigError, match="'short-term': no metrics; expected some of euler"):
+        build_protocol("short-term", metrics=[])

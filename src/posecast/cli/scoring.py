@@ -8,7 +8,7 @@ from pathlib import Path
 from posecast.cli.terminal import check_root, progress_bar
 from posecast.config import did_you_mean
 from posecast.corpora import build_corpus
-from posecast.errors import ConfigError
+from posecast.errors import ConfigError, SkeletonError
 from posecast.evaluation import BASELINES, Protocol, Report, build_protocol
 from posecast.evaluation import evaluate as evaluate_predictors
 from posecast.motion.corpus import Corpus
@@ -37,6 +37,7 @@ def score_systems(
     Raises:
         ConfigError: a baseline without a corpus, runs of different recipes, a name that is neither
             a baseline nor a folder.
+        SkeletonError: the corpus has other joints than the system.
     """
     if len(names) == 1 and names[0] in BASELINES:
         if corpus is None:
@@ -63,13 +64,51 @@ def score_systems(
             + "; evaluate one recipe at a time"
         )
     first = systems[0]
+    for name, system in zip(names, systems, strict=True):
+        _check_same(names[0], first, name, system)
     data = _corpus_of(first, corpus, root)
+    _check_skeleton(first, data)
     return evaluate_predictors(
         [system.predictor for system in systems],
         _protocol_of(first, protocol),
         data,
         system=first.recipe.name,
         split=split,
+    )
+
+
+def _check_same(first_name: str, first: System, name: str, system: System) -> None:
+    """Refuse to average over runs that differ in more than their seed."""
+    one, other = (_decisive(each) for each in (first, system))
+    differing = sorted(key for key in {*one, *other} if one.get(key) != other.get(key))
+    if differing:
+        key = differing[0]
+        raise ConfigError(
+            f"{name} is no other run of {first_name}: {key} is {other.get(key)!r}, there "
+            f"{one.get(key)!r}; evaluate them one at a time"
+        )
+
+
+def _decisive(system: System) -> dict[str, object]:
+    """What makes a system what it is, without its seed and how often it was looked at."""
+    training = system.recipe.config["training"]
+    looking = ("seed", "validate_every", "save_every", "select_best_by")
+    own = {f"training.{key}": value for key, value in training.items() if key not in looking}
+    return {**system.recipe.origin, **own, "skeleton": system.skeleton}
+
+
+def _check_skeleton(system: System, corpus: Corpus) -> None:
+    """Refuse motion whose joints are not those the system was trained on."""
+    wanted, found = system.skeleton, corpus.skeleton
+    if wanted == found:
+        return
+    missing = [name for name in wanted.names if name not in found.names]
+    extra = [name for name in found.names if name not in wanted.names]
+    raise SkeletonError(
+        f"corpus {corpus.name!r} has another skeleton than the system: it lacks "
+        f"{', '.join(missing) or 'no joint'}; it has besides {', '.join(extra) or 'none'}"
+        + ("" if missing or extra else "; the order or the tree differs")
+        + "; score the system on the corpus it was trained on, or one with the same joints"
     )
 
 

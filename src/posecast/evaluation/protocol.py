@@ -56,6 +56,10 @@ class Protocol:
                 f"protocol {self.name!r}: horizons {list_ms(self.horizons_ms)}; "
                 "expected at least one, in ascending order"
             )
+        if not self.metrics:
+            raise ConfigError(
+                f"protocol {self.name!r}: no metrics; expected some of {', '.join(METRICS)}"
+            )
         for metric in self.metrics:
             if metric not in METRICS:
                 raise ConfigError(

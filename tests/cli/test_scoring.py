@@ -1,0 +1,86 @@
+"""What may be scored together, and on which corpus."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from posecast.cli.scoring import score_systems
+from posecast.corpora.synthetic import make_clip, synthetic
+from posecast.errors import ConfigError, SkeletonError
+from posecast.io import write_clip
+from posecast.recipe import load_recipe
+from posecast.skeleton import Skeleton
+from posecast.system import train
+
+SHORT = (
+    "model.backbone.hidden=16",
+    "training.epochs=1",
+    "training.batch=4",
+    "training.sampling.steps_per_epoch=1",
+    "protocol.prefix_ms=400",
+)
+
+
+@pytest.fixture(scope="module")
+def make_run(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., str]:
+    """Train the small model for a moment, with overrides; the folder of its checkpoint."""
+    corpus = synthetic(fps=25, clips=24, seconds=4.0)
+
+    def make(*overrides: str) -> str:
+        folder = tmp_path_factory.mktemp("run")
+        train(load_recipe("quaternet-vel-small", (*SHORT, *overrides)), corpus, folder)
+        return str(folder / "last")
+
+    return make
+
+
+@pytest.fixture(scope="module")
+def run(make_run: Callable[..., str]) -> str:
+    """One run."""
+    return make_run()
+
+
+def walks(folder: Path, rename: Callable[[str], str]) -> Path:
+    """Ten walks as BVH, their joints renamed."""
+    folder.mkdir()
+    for index in range(10):
+        clip = make_clip(index, fps=25.0, seconds=3.0)
+        names = tuple(map(rename, clip.skeleton.names))
+        renamed = replace(clip, skeleton=Skeleton(names, clip.skeleton.parents))
+        write_clip(renamed, folder / f"{index}.bvh")
+    return folder
+
+
+def test_seeds_of_one_system_are_scored_together(run: str, make_run: Callable[..., str]) -> None:
+    other = make_run("training.seed=1", "training.validate_every=1")
+    report = score_systems(
+        [run, other], corpus="synthetic", root=None, protocol="short-term", split="test"
+    )
+    assert len(report.runs) == 2
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ("model.residual=add", "model.residual is 'add', there 'compose'"),
+        ("training.learning_rate=0.01", "training.learning_rate is 0.01, there 0.001"),
+    ],
+)
+def test_other_systems_are_no_runs_of_the_first(
+    run: str, make_run: Callable[..., str], changed: str, message: str
+) -> None:
+    with pytest.raises(ConfigError, match=re.escape(message)):
+        score_systems([run, make_run(changed)], corpus=None, root=None, protocol=None, split="test")
+
+
+def test_a_system_is_scored_on_its_own_joints_only(run: str, tmp_path: Path) -> None:
+    mine = walks(tmp_path / "mine", str)
+    assert score_systems([run], corpus="folder", root=mine, protocol=None, split="test").runs
+    theirs = walks(tmp_path / "theirs", str.upper)
+    with pytest.raises(SkeletonError, match=r"lacks .*Hips.*has besides .*HIPS"):
+        score_systems([run], corpus="folder", root=theirs, protocol=None, split="test")
