@@ -11,7 +11,7 @@ import torch
 
 from posecast.errors import ConfigError
 from posecast.geometry import quaternion
-from posecast.model import ControlLayers, DenseHead, Forecaster, GRUBackbone
+from posecast.model import ControlLayers, DenseHead, Forecaster, GRUBackbone, rollout
 from posecast.representation import Codec, Quaternion, Statistics
 from posecast.skeleton import Skeleton
 
@@ -213,3 +213,20 @@ for call in (
         "residual: 'sum' is not known; choose among: none, add, compose",
         "projection_activation: 'tanh' is not known; choose 'none' or 'relu'",
     ]
+
+
+@pytest.mark.parametrize("hidden", [16, 256])
+def test_an_empty_batch_has_an_empty_forecast(hidden):
+    forecaster = Forecaster(
+        Codec(TWO, Quaternion()),
+        backbone=partial(GRUBackbone, hidden=hidden, layers=2),
+        head=DenseHead,
+        residual="compose",
+    )
+    nothing = torch.empty(0, 5, forecaster.codec.feature_dim)
+    with torch.no_grad():
+        assert rollout(forecaster, nothing, 3).features.shape == (
+            0,
+            3,
+            forecaster.codec.feature_dim,
+        )

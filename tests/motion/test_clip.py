@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import pytest
 import torch
@@ -15,6 +16,17 @@ from posecast.motion import Clip
 def test_a_frame_rate_is_a_positive_number(make_clip: Callable[..., Clip], fps: float) -> None:
     with pytest.raises(DataError, match="expected a positive number"):
         make_clip(fps=fps)
+
+
+def test_a_clip_has_a_frame(make_clip: Callable[..., Clip]) -> None:
+    clip = make_clip(frames=3)
+    with pytest.raises(DataError, match="no frames; expected at least one"):
+        replace(
+            clip,
+            root_positions=clip.root_positions[:0],
+            rotations_local=clip.rotations_local[:0],
+            tracks={},
+        )
 
 
 def test_a_track_has_a_value_for_every_frame(make_clip: Callable[..., Clip]) -> None:

@@ -44,6 +44,31 @@ def test_published_systems_have_the_published_size() -> None:
     assert count_parameters(load_recipe("quaternet-vel-tf")) == 9_526_128
 
 
+def test_the_paper_recipes_have_every_constant_of_the_papers() -> None:
+    # models.md, section 1: Pavllo et al. 2018, sections 3.3 and 4.1, and their released settings.
+    vel, abs_, teacher = (load_recipe(f"quaternet-{name}") for name in ("vel", "abs", "vel-tf"))
+    for recipe in (vel, abs_, teacher):
+        plan = recipe.plan
+        assert (plan.prefix, plan.horizon, plan.batch, plan.epochs) == (50, 10, 60, 3000)
+        assert (plan.optimizer, plan.clip) == ("adam", 0.1)
+        assert [plan.rate.at(epoch=k, update=7) for k in (0, 1, 10)] == pytest.approx(
+            [1e-3, 1e-3 * 0.999, 1e-3 * 0.999**10], rel=1e-12
+        )
+        assert (plan.turn, plan.mirror) == (False, False)
+        assert (recipe.fps, recipe.objective.order) == (25, "zyx")
+        assert recipe.protocol.name == "h36m-128"
+    for recipe in (vel, abs_):
+        assert dict(recipe.objective.terms) == {"euler": 1.0, "penalty": 0.01}
+        assert [recipe.feed.share(epoch) for epoch in (0, 1, 100)] == pytest.approx(
+            [1, 0.995, 0.995**100]
+        )
+    assert [recipe.config["model"]["residual"] for recipe in (vel, abs_, teacher)] == [
+        "compose",
+        "none",
+        "compose",
+    ]
+
+
 def test_the_teacher_forced_variant_has_the_loss_of_the_paper_only() -> None:
     recipe = load_recipe("quaternet-vel-tf")
     assert dict(recipe.objective.terms) == {"quaternion": 1.0, "penalty": 0.01}
@@ -77,6 +102,7 @@ def test_every_key_of_a_recipe_is_checked_for_spelling(name: str) -> None:
 @pytest.mark.parametrize(
     ("override", "message"),
     [
+        ("training.seed=99999999999999999999", "seed is 99999999999999999999; expected 0 to 2**63"),
         ("epochs=3", "epochs: unknown key at the top; did you mean 'training.epochs'?"),
         ("hidden=64", "did you mean 'model.backbone.hidden'?"),
         ("model.backbone.layers=1000000", "layers: 1000000; expected 1 to 100"),

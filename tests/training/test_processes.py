@@ -33,9 +33,10 @@ def run(*command: str | Path) -> None:
     environment = {
         name: value for name, value in os.environ.items() if not name.startswith(launched)
     }
+    search = os.pathsep.join([str(WORKER.parent), *environment.get("PYTHONPATH", "").split()])
     found = subprocess.run(
         [sys.executable, "-W", "error::UserWarning", *command],
-        env={**environment, "OMP_NUM_THREADS": "1", "PYTHONPATH": str(WORKER.parent)},
+        env={**environment, "OMP_NUM_THREADS": "1", "PYTHONPATH": search},
         capture_output=True,
         text=True,
         timeout=200,

@@ -157,6 +157,31 @@ def test_the_state_is_open_to_whom_new_files_are(whole):
     assert (folder / STATE).stat().st_mode == (folder / "log.csv").stat().st_mode
 
 
+def test_a_run_killed_while_it_writes_its_last_checkpoint_writes_it_when_resumed(
+    tiny, whole, tmp_path, monkeypatch
+):
+    class Killed(BaseException):
+        pass
+
+    save = tiny.save_weights
+
+    def stop(folder, forecaster, progress):
+        if folder.name == "last" and progress["epoch"] == EPOCHS:
+            raise Killed
+        save(folder, forecaster, progress)
+
+    monkeypatch.setattr(tiny, "save_weights", stop)
+    with pytest.raises(Killed):
+        tiny.train(tmp_path, epochs=EPOCHS)
+    monkeypatch.setattr(tiny, "save_weights", save)
+    tiny.train(tmp_path, epochs=EPOCHS, resume=True)
+    found, expected = (
+        load_file(folder / "last" / "weights.safetensors") for folder in (tmp_path, whole[0])
+    )
+    assert found.keys() == expected.keys()
+    assert all(torch.equal(value, expected[name]) for name, value in found.items())
+
+
 def test_the_first_epoch_is_kept_at_once(tiny, tmp_path):
     kept = []
 

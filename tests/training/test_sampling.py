@@ -112,6 +112,24 @@ def test_shares_make_up_the_batch_whatever_the_number_of_processes(corpus, ranks
     assert sum(share.weight for share in shares) == pytest.approx(ranks)
 
 
+def test_turns_are_uniform_over_two_turns_either_way(corpus, monkeypatch):
+    found = []
+
+    def turn(motion, angles, skeleton):
+        found.append(angles)
+        return motion
+
+    monkeypatch.setattr(augmentation, "turn", turn)
+    windows = make(corpus, batch=4, turn=True)
+    for epoch in range(400):
+        windows.share(epoch, 0)
+    turns = torch.cat(found) / (2 * math.pi)
+    assert len(turns) > 1000
+    assert turns.abs().max() < 1
+    quarters = torch.histc(turns, bins=4, min=-1, max=1) / len(turns)
+    torch.testing.assert_close(quarters, torch.full_like(quarters, 0.25), atol=0.05, rtol=0)
+
+
 def test_turned_windows_cover_both_signs_of_the_root(corpus):
     plain, turned = (make(corpus, batch=4, turn=turn) for turn in (False, True))
     dots = []

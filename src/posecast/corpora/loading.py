@@ -116,7 +116,7 @@ def prepare(clip: Clip, fps: float, **labels: str) -> tuple[Clip, ...]:
     """A clip as corpora hold it: labeled, signs continuous in time, at the rate wanted.
 
     Signs are made continuous over the whole recording before frames are left out, as in Pavllo et
-    al. 2018, so that all phases agree and windows begin in either hemisphere.
+    al. 2018, so that all phases agree.
     """
     return resample(unroll(replace(clip, labels={**clip.labels, **labels})), fps)
 

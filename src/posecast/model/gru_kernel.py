@@ -89,11 +89,12 @@ class GRULayer:
     def _read(self, frames: Tensor, state: Tensor) -> tuple[Tensor, Tensor]:
         """The same for those who want no gradient: nothing is kept."""
         count, batch, _ = frames.shape
-        two = 2 * state.shape[1]
+        hidden = state.shape[1]
+        two = 2 * hidden
         _, _, bias_ih, bias_hh = self.weights
         gates = self.products.inputs.product(frames.flatten(0, 1), bias_ih)
         states: list[Tensor] = []
-        for gate in gates.view(count, batch, -1).unbind(0):
+        for gate in gates.view(count, batch, 3 * hidden).unbind(0):
             update = self.products.state.product(state, bias_hh)
             reset, keep = gate[:, :two].add_(update[:, :two]).sigmoid_().chunk(2, dim=1)
             new = gate[:, two:].addcmul_(reset, update[:, two:]).tanh_()

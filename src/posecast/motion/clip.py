@@ -74,6 +74,8 @@ class Clip:
                 self.name or "clip",
                 f"{frames} root positions but {self.rotations_local.shape[0]} frames of rotations",
             )
+        if not frames:
+            raise DataError(self.name or "clip", "no frames; expected at least one")
         if not 0 < self.fps < math.inf:
             raise DataError(
                 self.name or "clip", f"{self.fps} frames per second; expected a positive number"

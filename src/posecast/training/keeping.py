@@ -121,9 +121,10 @@ class Keeper:
         if found and self._improves(done, found) and self.save is not None:
             self.save(self.folder / BEST, self.forecaster, progress)
         if final or self._due(done):
-            self._keep(done, updates, optimizer)
+            # The state comes last: a run killed in between does this epoch's checkpoint again.
             if self.save is not None:
                 self.save(self.folder / LAST, self.forecaster, progress)
+            self._keep(done, updates, optimizer)
         if self.display is not None:
             self.display.update(done, {"loss": averages["loss"], **self._headline()})
         return {**row, **{f"validation/{name}": value for name, value in found.items()}}

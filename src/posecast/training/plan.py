@@ -64,6 +64,8 @@ class Plan:
             value = getattr(self, name)
             if value is not None and value < 1:
                 raise ConfigError(f"{name} is {value}; expected 1 or more")
+        if not 0 <= self.seed < 2**63:
+            raise ConfigError(f"seed is {self.seed}; expected 0 to 2**63 - 1")
         if self.clip is not None and not self.clip > 0:
             raise ConfigError(f"clip is {self.clip}; expected more than 0, or null for no clipping")
         if self.optimizer not in ("adam", "sgd"):

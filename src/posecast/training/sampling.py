@@ -133,8 +133,7 @@ class Windows:
         batch: windows in a batch, over all processes together.
         seed: of every choice made here.
         sampling: which recordings an epoch sees; the first frame of each window is uniform.
-        turn: turn each window about the vertical by an angle uniform in (-2 pi, 2 pi), which
-            covers both signs of the root quaternion.
+        turn: turn each window about the vertical by an angle uniform in (-2 pi, 2 pi).
         mirror: exchange left and right in every second window, by chance.
         split: name of the split to read; never the one that is tested on.
         dtype: of the windows.
