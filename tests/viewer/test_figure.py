@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import stat
 import subprocess
 import sys
@@ -13,7 +12,7 @@ from PIL import Image
 
 from posecast.errors import ConfigError, DataError
 from posecast.viewer import draw
-from posecast.viewer.encode import gif_rate, mp4_rate, write_gif
+from posecast.viewer.encode import _ffmpeg, gif_rate, mp4_rate, write_gif
 from posecast.viewer.figure import COLORS
 from posecast.viewer.plots import error_over_horizon
 
@@ -106,10 +105,9 @@ def test_a_strip_has_a_row_for_each_clip(stand, wander, tmp_path):
     assert (tmp_path / "few.png").stat().st_size > 1000
 
 
-@pytest.mark.skipif(shutil.which("ffmpeg") is None, reason="needs ffmpeg")
 def test_an_mp4_has_a_frame_for_every_frame_of_the_clip(wander, tmp_path):
     draw([wander(1, frames=9), wander(2, frames=5)], tmp_path / "a.mp4")
-    command = ["ffmpeg", "-loglevel", "error", "-i", str(tmp_path / "a.mp4")]
+    command = [_ffmpeg(), "-loglevel", "error", "-i", str(tmp_path / "a.mp4")]
     command += ["-f", "rawvideo", "-pix_fmt", "gray", "-vf", "scale=8:8", "-"]
     decoded = subprocess.run(command, capture_output=True, check=True).stdout
     assert len(decoded) == 9 * 64
