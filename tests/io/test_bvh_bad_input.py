@@ -83,6 +83,12 @@ BAD: dict[str, tuple[bytes | str, str, int | None]] = {
     "zero byte": (PLAIN.replace(ROW[2], "1\0002"), "found '1\\x002'", FIRST_ROW),
     "too far to be true": (with_row(1, [ROW[0], "1e20", *ROW[2:]]), "frame 1 is 1e+20 file", None),
     "a bone too long": (PLAIN.replace("0.5 4.25", "0.5 4e300"), "OFFSET of joint 1", None),
+    "a row cut, the next one torn": (
+        body() + motion([ROW, ROW[:5], ROW[5:], ROW, ROW], 5),
+        "found 5 numbers, expected 12",
+        FIRST_ROW + 1,
+    ),
+    "thirds of rows": (body() + motion([ROW[:4]] * 3, 9), "4 numbers a line", FIRST_ROW),
     "text at the end": (PLAIN + "the end\n", "found 'the'", FIRST_ROW + 4),
     "all rows too short": (
         body() + motion([row[:6] for row in numbers(12)]),
@@ -93,7 +99,7 @@ BAD: dict[str, tuple[bytes | str, str, int | None]] = {
 
 
 def test_there_is_a_file_for_every_fault() -> None:
-    assert len(BAD) == 48
+    assert len(BAD) == 50
 
 
 @pytest.mark.parametrize("name", BAD)

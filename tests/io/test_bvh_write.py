@@ -14,7 +14,15 @@ from tests.io.test_bvh_dialects import layout_of, world, write
 from posecast.errors import DataError
 from posecast.geometry import quaternion
 from posecast.geometry.euler import ORDERS, euler_to_quaternion
-from posecast.io.bvh import read_bvh, read_bvh_document, write_bvh
+from posecast.io.amass import read_amass
+from posecast.io.bvh import (
+    BvhDocument,
+    BvhJoint,
+    read_bvh,
+    read_bvh_document,
+    write_bvh,
+    write_bvh_document,
+)
 from posecast.io.bvh_text import six_decimals
 from posecast.motion import Clip
 from posecast.motion.transforms import resample
@@ -84,6 +92,68 @@ def test_channels_that_cannot_say_it_are_replaced_where_the_motion_is_another(
     assert "cannot say" in note
     again = read_bvh(tmp_path / "written.bvh", unit=0.01, up="y")
     assert turned_by(backwards, again) < SLACK_DEG
+
+
+def rotations_by_name(first: Clip, second: Clip) -> float:
+    """Largest angle between the rotations of joints with one name, degrees."""
+    places = [second.skeleton.index(name) for name in first.skeleton.names]
+    return turned_by(first, replace(first, rotations_local=second.rotations_local[:, places]))
+
+
+def test_joints_in_any_order_are_written_depth_first(
+    generator: torch.Generator, tmp_path: Path
+) -> None:
+    names, parents = ("h", "a", "b", "a2", "b2", "a3"), (-1, 0, 0, 1, 2, 3)
+    turns = torch.randn(20, 6, 3, generator=generator, dtype=torch.float64)
+    clip = Clip(
+        skeleton=Skeleton(names, parents),
+        offsets=torch.randn(6, 3, generator=generator, dtype=torch.float64),
+        fps=30.0,
+        root_positions=torch.randn(20, 3, generator=generator, dtype=torch.float64),
+        rotations_local=quaternion.exp(turns),
+    )
+    (note,) = write_bvh(clip, tmp_path / "file.bvh")
+    assert "depth first" in note
+    again = read_bvh(tmp_path / "file.bvh", unit=0.01, up="y")
+    assert again.skeleton.names == ("h", "a", "a2", "a3", "b", "b2")
+    assert rotations_by_name(clip, again) < SLACK_DEG
+    assert write_bvh(again, tmp_path / "second.bvh") == ()
+    assert (tmp_path / "file.bvh").read_bytes() == (tmp_path / "second.bvh").read_bytes()
+
+
+def test_smpl_motion_survives_bvh(generator: torch.Generator, tmp_path: Path) -> None:
+    rest = torch.randn(24, 3, generator=generator, dtype=torch.float64)
+    poses = torch.randn(5, 72, generator=generator).numpy()
+    np.savez(tmp_path / "a.npz", poses=poses, trans=np.zeros((5, 3)), mocap_framerate=30.0)
+    clip = read_amass(tmp_path / "a.npz", template=rest)
+    write_bvh(clip, tmp_path / "a.bvh")
+    again = read_bvh(tmp_path / "a.bvh", unit=0.01, up="y")
+    assert rotations_by_name(clip, again) < SLACK_DEG
+    places = [again.skeleton.index(name) for name in clip.skeleton.names]
+    np.testing.assert_allclose(world(again)[:, places], world(clip), rtol=0, atol=1e-6)
+
+
+def test_a_document_in_any_order_is_read_back_joint_by_joint(tmp_path: Path) -> None:
+    turn = ("Xrotation",)
+    joints = tuple(
+        BvhJoint(name, parent, ("0", "1", "0"), turn)
+        for name, parent in (("h", -1), ("a", 0), ("b", 0), ("a2", 1))
+    )
+    write_bvh_document(BvhDocument(joints, "0.04", np.array([[1.0, 2, 3, 4]])), tmp_path / "d.bvh")
+    again = read_bvh_document(tmp_path / "d.bvh")
+    found = {joint.name: value for joint, value in zip(again.joints, again.values[0], strict=True)}
+    assert found == {"h": 1, "a": 2, "b": 3, "a2": 4}
+
+
+@pytest.mark.parametrize(("start", "stop"), [(0, 3), (2, 5), (1, 4), (3, 4)])
+def test_a_piece_cut_out_keeps_the_angles_of_its_frames(
+    start: int, stop: int, tmp_path: Path
+) -> None:
+    source = wild(tmp_path, "zyx")
+    write_bvh(read_bvh(source).cut(start, stop), tmp_path / "piece.bvh")
+    before, after = read_bvh_document(source), read_bvh_document(tmp_path / "piece.bvh")
+    expected = before.values[start:stop, 3:]
+    np.testing.assert_allclose(after.values[:, 3:], expected, rtol=0, atol=1e-9)
 
 
 WILD = np.array([[0, 10, 20], [350, 170, 200], [-700, 95, -20], [30, 90, 40], [30, -270, 999]])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,6 +78,37 @@ class BvhDocument:
     encoding: str = "utf-8"
     newline: str = "\n"
     notes: tuple[str, ...] = ()
+
+
+def depth_first(document: BvhDocument) -> BvhDocument:
+    """The same document with joints, and their columns, in the order in which text names them.
+
+    A joint stands inside its parent there, so all that is below a joint comes before its next
+    sibling. Children stay in their order; a document that was read is in this order already.
+    """
+    children: list[list[int]] = [[] for _ in document.joints]
+    todo: list[int] = []
+    for place, joint in enumerate(document.joints):
+        (todo if joint.parent < 0 else children[joint.parent]).append(place)
+    todo.reverse()
+    order: list[int] = []
+    while todo:
+        order.append(place := todo.pop())
+        todo.extend(reversed(children[place]))
+    if order == list(range(len(order))):
+        return document
+    new = {old: place for place, old in enumerate(order)}
+    joints = [document.joints[old] for old in order]
+    starts = first_columns(document.joints)
+    columns = [column for old in order for column in range(starts[old], starts[old + 1])]
+    return replace(
+        document,
+        joints=tuple(
+            joint if joint.parent < 0 else replace(joint, parent=new[joint.parent])
+            for joint in joints
+        ),
+        values=document.values[:, columns],
+    )
 
 
 def first_columns(joints: tuple[BvhJoint, ...]) -> tuple[int, ...]:

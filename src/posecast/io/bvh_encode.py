@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from os import PathLike
 from typing import NamedTuple
@@ -20,6 +21,7 @@ from posecast.io.bvh_document import (
     BvhDocument,
     BvhEnd,
     BvhJoint,
+    depth_first,
     first_columns,
     is_position,
 )
@@ -97,7 +99,10 @@ def encode(clip: Clip, path: str | PathLike[str]) -> Encoded:
         encoding=layout.encoding,
         newline=layout.newline,
     )
-    return Encoded(document, tuple(notes))
+    ordered = depth_first(document)
+    if ordered is not document:
+        notes.append("joints are written depth first, as BVH has them; they were in another order")
+    return Encoded(ordered, tuple(notes))
 
 
 def _fill(values: Float[np.ndarray, "frames channels"], column: _Column, start: int) -> None:
@@ -158,21 +163,51 @@ def _find_same(
     """Find each joint's angles in the source, and for how many frames they still hold."""
     if layout.rows is None:
         return
-    rows = layout.rows[: len(rotations)]
-    before = decode_rotations(BvhDocument(layout.joints, layout.frame_time, rows)).numpy()
-    after = rotations[: len(rows)].numpy()
     known = {name: place for place, name in enumerate(layout.names)}
+    everything = decode_rotations(BvhDocument(layout.joints, layout.frame_time, layout.rows))
+    begin = _first_row(names, rotations.numpy(), known, everything.numpy())
+    rows = layout.rows[begin : begin + len(rotations)]
+    before = everything[begin : begin + len(rotations)].numpy()
+    after = rotations[: len(rows)].numpy()
     starts = first_columns(layout.joints)
     for place, (column, name) in enumerate(zip(columns, names, strict=True)):
         source = known.get(name)
         if source is None:
             continue
         turns = [starts[source] + turn for turn in column.joint.rotation_places]
-        column.source = layout.rows[:, turns]
-        ours, theirs = after[:, place].T.copy(), before[:, source].T.copy()
-        apart = np.minimum(np.abs(ours - theirs).max(axis=0), np.abs(ours + theirs).max(axis=0))
+        column.source = layout.rows[begin:, turns]
+        apart = _apart(after[:, place], before[:, source])
         other = (apart > _SAME) | (np.abs(rows[:, turns]).max(axis=1, initial=0) >= GREATEST)
         column.same = int(other.argmax()) if other.any() else len(rows)
+
+
+def _first_row(
+    names: tuple[str, ...],
+    rotations: Float[np.ndarray, "frames joints 4"],
+    known: Mapping[str, int],
+    source: Float[np.ndarray, "rows known 4"],
+) -> int:
+    """The row of the source at which a clip that was cut from it begins; 0 where none is it."""
+    pairs = [(place, known[name]) for place, name in enumerate(names) if name in known]
+    begins, ends = np.ones((2, len(source)), dtype=np.bool_)
+    for ours, theirs in pairs:
+        begins &= _apart(source[:, theirs], rotations[0, ours]) <= _SAME
+        ends &= _apart(source[:, theirs], rotations[-1, ours]) <= _SAME
+    found = np.flatnonzero(begins)
+    if not len(found):
+        return 0
+    # Of rows that are alike, as those of somebody who waits, the one that fits the end, too.
+    last = found + len(rotations) - 1
+    fits = (last < len(source)) & ends[np.minimum(last, len(source) - 1)]
+    return int(found[fits.argmax()])
+
+
+def _apart(
+    some: Float[np.ndarray, "frames 4"], others: Float[np.ndarray, "*#frames 4"]
+) -> Float[np.ndarray, "frames"]:
+    """Largest difference of components, of the nearer sign."""
+    one, other = some.T.copy(), others.T.copy().reshape(4, -1)
+    return np.minimum(np.abs(one - other).max(axis=0), np.abs(one + other).max(axis=0))
 
 
 def _default_joint(name: str, parent: int, offset: Float[np.ndarray, "3"]) -> BvhJoint:

@@ -103,12 +103,21 @@ class _Block:
         # A width that has nothing to do with rows: every line but the last has as many numbers.
         filled = len(set(self.counts[:-1])) <= 1 and self.counts[-1] <= self.counts[0]
         announced = total == declared * columns
-        # Lines of different lengths that come out even, row by row, are no coincidence.
-        uneven = aligned and len(set(self.counts)) > 1
-        wrapped = ((aligned or filled) and announced) or uneven
+        wrapped = ((aligned or filled) and announced) or self._repeats(columns)
         if not (whole_lines or wrapped):
             raise self._bad_row(columns, declared)
         return np.array(self.numbers).reshape(-1, columns)
+
+    def _repeats(self, columns: int) -> bool:
+        """Whether every row is on lines of the same, different lengths: no coincidence."""
+        lines = int(np.searchsorted(np.cumsum(self.counts), columns)) + 1
+        pattern = self.counts[:lines]
+        return (
+            sum(pattern) == columns
+            and len(set(pattern)) > 1
+            and len(self.counts) % lines == 0
+            and self.counts == pattern * (len(self.counts) // lines)
+        )
 
     def _bad_word(self, word: str, line: int) -> DataError:
         channels = [
@@ -134,6 +143,9 @@ class _Block:
                 filled = 0
             elif filled > columns:
                 break
+        if filled == 0 and columns in self.counts:
+            begin = next(place for place, count in enumerate(self.counts) if count != columns)
+            filled = columns + 1
         if filled == 0:
             return DataError(
                 self.path,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from posecast.errors import DataError
 from posecast.io.atomic import atomic_write
-from posecast.io.bvh_document import BvhDocument, BvhJoint
+from posecast.io.bvh_document import BvhDocument, BvhJoint, depth_first
 
 MICRO = 1_000_000
 _DEEPEST_INDENT = 40
@@ -21,6 +21,8 @@ _DEEPEST_INDENT = 40
 
 def write_bvh_document(document: BvhDocument, path: str | PathLike[str]) -> None:
     """Write a document; reading it back gives the same joints and exactly the same numbers.
+
+    Both are in the order of ``depth_first``, the only one that text can have.
 
     Layout of lines and spelling of keywords are the usual ones, not those of the file it may have
     been read from. Numbers have as many digits as they need (``repr``).
@@ -35,12 +37,17 @@ def write_bvh_document(document: BvhDocument, path: str | PathLike[str]) -> None
         raise DataError(path, f"values of shape {values.shape} for {columns} channels")
     if not np.isfinite(values).all():
         raise DataError(path, "a value to be written is not finite; mend the clip first")
+    document = depth_first(document)
+    values = document.values
     rows = "\n".join(" ".join(map(repr, row)) for row in values.tolist())
     write_text(path, document, rows.encode("ascii") + b"\n")
 
 
 def write_text(path: str | PathLike[str], document: BvhDocument, rows: bytes) -> None:
-    """Write a hierarchy and rows that are text already; ``document.values`` gives their number."""
+    """Write a hierarchy and rows that are text already; ``document.values`` gives their number.
+
+    The document must be in the order of ``depth_first``, as its rows are.
+    """
     lines = [
         "HIERARCHY",
         *_hierarchy(document.joints),
