@@ -347,6 +347,32 @@ def test_a_body_without_bones_is_not_drawn_and_is_noted_where_it_is_written(
     assert (drawn.code, (tmp_path / "a.png").is_file()) == (0, True)
 
 
+def test_an_option_goes_to_the_files_that_have_it(
+    posecast: Callable[..., Outcome], walk: Path, tmp_path: Path
+) -> None:
+    archive = tmp_path / "walk.npz"
+    write_clip(read_clip(walk), archive)
+    outcome = posecast("inspect", archive, walk, "--unit", "0.02", "--json")
+    assert outcome.code == 0
+    small, large = (fact["height_m"] for fact in json.loads(outcome.out))
+    assert large == pytest.approx(2 * small, rel=1e-3)
+    refused = posecast("inspect", archive, "--unit", "0.02")
+    assert refused.code == 2
+    assert refused.err == "posecast: --unit is for BVH files, and there is none here\n"
+    assert "--up q: expected x, y or z" in posecast("inspect", walk, "--up", "q").err
+
+
+def test_tables_are_written_whoever_reads_standard_output(tmp_path: Path) -> None:
+    target = tmp_path / "table.csv"
+    verb = ["evaluate", "zero-velocity", "--corpus", "synthetic", "--csv", target]
+    command = [sys.executable, "-m", "posecast.cli.main", *verb]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as scoring:
+        assert scoring.stdout is not None
+        scoring.stdout.close()
+        scoring.wait(120)
+    assert target.read_text().startswith("system,")
+
+
 def test_a_folder_half_converted_says_how_far_it_came(
     posecast: Callable[..., Outcome], walk: Path, tmp_path: Path
 ) -> None:
@@ -365,7 +391,7 @@ def test_too_little_memory_is_a_line(
     def full(*arguments: object, **options: object) -> None:
         raise MemoryError
 
-    monkeypatch.setattr("posecast.cli.data_commands.load_clip", full)
+    monkeypatch.setattr("posecast.io.read_clip", full)
     outcome = posecast("inspect", walk)
     assert outcome.code == 1
     assert outcome.err == "posecast: there is not enough memory for this; try a shorter clip\n"

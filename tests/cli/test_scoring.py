@@ -78,6 +78,11 @@ def test_other_systems_are_no_runs_of_the_first(
         score_systems([run, make_run(changed)], corpus=None, root=None, protocol=None, split="test")
 
 
+def test_one_run_is_not_two(run: str) -> None:
+    with pytest.raises(ConfigError, match=r"are of one run, or of two with one seed \(0\)"):
+        score_systems([run, run], corpus=None, root=None, protocol=None, split="test")
+
+
 def test_a_system_is_scored_on_its_own_joints_only(run: str, tmp_path: Path) -> None:
     mine = walks(tmp_path / "mine", str)
     assert score_systems([run], corpus="folder", root=mine, protocol=None, split="test").runs

@@ -72,7 +72,10 @@ def test_the_demo_leaves_what_it_promises(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = tmp_path / "demo"
-    (folder / "run" / "best").mkdir(parents=True)  # as after an earlier demo that was killed
+    # as after an earlier demo that was killed
+    for left in ("best", "last.previous", ".last-x1y2"):
+        (folder / "run" / left).mkdir(parents=True)
+    (folder / "run" / ".state.0123.safetensors").touch()
     _succeed(["demo", "--out", str(folder), *SHORT[:4]])
     out = capsys.readouterr().out
     assert "zero-velocity" in out

@@ -145,6 +145,15 @@ def test_only_the_gradients_asked_for_are_made(generator):
         assert not joint_positions(skeleton, q, offsets).requires_grad
 
 
+def test_rotations_from_inference_serve_gradients_of_the_body(generator):
+    skeleton = skeleton_of("body")
+    with torch.inference_mode():
+        q = poses((5,), skeleton, generator).clone()
+    offsets = vectors(len(skeleton), generator=generator).requires_grad_()
+    forward_kinematics(skeleton, q, offsets).positions.sum().backward()
+    assert offsets.grad is not None
+
+
 @pytest.mark.parametrize("count", [1, 2, 7, 8, 9, 23])
 def test_chunks_change_nothing(count, generator, monkeypatch):
     skeleton = skeleton_of("body")

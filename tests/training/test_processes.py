@@ -27,13 +27,18 @@ def table(path: Path) -> torch.Tensor:
     return torch.tensor(kept, dtype=torch.float64)
 
 
+def _search_path(environment: dict[str, str]) -> list[str]:
+    """Where Python looks for modules, besides the usual places."""
+    return [place for place in environment.get("PYTHONPATH", "").split(os.pathsep) if place]
+
+
 def run(*command: str | Path) -> None:
     """Run to the end, with one thread a process and no trace of an outer launcher."""
     launched = ("RANK", "WORLD_SIZE", "LOCAL_", "GROUP_", "ROLE_", "MASTER_", "TORCHELASTIC_")
     environment = {
         name: value for name, value in os.environ.items() if not name.startswith(launched)
     }
-    search = os.pathsep.join([str(WORKER.parent), *environment.get("PYTHONPATH", "").split()])
+    search = os.pathsep.join([str(WORKER.parent), *_search_path(environment)])
     found = subprocess.run(
         [sys.executable, "-W", "error::UserWarning", *command],
         env={**environment, "OMP_NUM_THREADS": "1", "PYTHONPATH": search},

@@ -152,6 +152,17 @@ def test_a_run_killed_before_its_first_state_is_not_overwritten_either(tiny, tmp
     assert [path.name for path in tmp_path.iterdir()] == [left]
 
 
+@pytest.mark.parametrize("resume", [True, False])
+def test_checkpoints_without_a_state_are_not_replaced(tiny, tmp_path, resume):
+    tiny.train(tmp_path, epochs=2)
+    (tmp_path / STATE).unlink()
+    before = (tmp_path / "last" / "weights.safetensors").read_bytes()
+    with pytest.raises(ConfigError, match=r"choose another folder") as caught:
+        tiny.train(tmp_path, epochs=3, resume=resume)
+    assert "resume" not in str(caught.value)
+    assert (tmp_path / "last" / "weights.safetensors").read_bytes() == before
+
+
 def test_the_state_is_open_to_whom_new_files_are(whole):
     folder = whole[0]
     assert (folder / STATE).stat().st_mode == (folder / "log.csv").stat().st_mode

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from posecast.cli.reading import Reading, check_rate
 from posecast.cli.terminal import (
     FpsOption,
     JsonOption,
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
     from posecast.motion import Clip
 
 MOTION_SUFFIXES = (".bvh", ".amc", ".npz", ".txt")
-_MOST_FPS = 10_000
 BODILESS = (
     "the file has no bone lengths, so all joints are at one point; give the body at rest "
     "(--template FILE)"
@@ -55,23 +55,19 @@ def convert(
     ] = None,
 ) -> None:
     """Convert motion capture: BVH, ASF/AMC, H3.6M text, AMASS or archive to BVH or archive."""
-    reading: dict[str, Any] = {
-        "fps": fps,
-        "unit": unit,
-        "up": up,
-        "skeleton": skeleton,
-        "template": template,
-    }
+    reading = Reading(fps, unit=unit, up=up, skeleton=skeleton, template=template)
     if not source.is_dir():
         if to is not None:
             raise ConfigError(
                 f"--to {to} is for folders; {source} becomes what the name {target} ends with"
             )
+        reading.check([source])
         save_clip(_clip_to_convert(source, reading, resample=resample), target)
         return
     if to not in ("bvh", "npz"):
         raise ConfigError(f"{source} is a folder: say what to convert to with --to bvh or --to npz")
     places = _places(source, target, f".{to}")
+    reading.check(places.values())
     with progress_bar("converting") as advance:
         for done, (written, path) in enumerate(places.items()):
             try:
@@ -98,14 +94,9 @@ def inspect(
     template: TemplateOption = None,
 ) -> None:
     """Say what is in a motion file: joints, body, frame rate, length, extent, notes."""
-    reading: dict[str, Any] = {
-        "fps": fps,
-        "unit": unit,
-        "up": up,
-        "skeleton": skeleton,
-        "template": template,
-    }
-    facts = [_facts(path, load_clip(path, **reading)) for path in files]
+    reading = Reading(fps, unit=unit, up=up, skeleton=skeleton, template=template)
+    reading.check(files)
+    facts = [_facts(path, reading.clip(path)) for path in files]
     if as_json:
         print_json(facts[0] if len(facts) == 1 else facts)
         return
@@ -153,14 +144,9 @@ def view(
     from posecast.viewer import draw
 
     check_target(out)
-    reading: dict[str, Any] = {
-        "fps": fps,
-        "unit": unit,
-        "up": up,
-        "skeleton": skeleton,
-        "template": template,
-    }
-    loaded = [load_clip(path, **reading) for path in clips]
+    reading = Reading(fps, unit=unit, up=up, skeleton=skeleton, template=template)
+    reading.check(clips)
+    loaded = [reading.clip(path) for path in clips]
     for path, clip in zip(clips, loaded, strict=True):
         if clip.labels.get("offsets") == "unknown":
             raise ConfigError(f"{path}: {BODILESS}")
@@ -181,16 +167,6 @@ def view(
     say(f"{out} written")
 
 
-def load_clip(path: Path, *, fps: float | None = None, **options: Any) -> Clip:
-    """Read any motion file; ``fps`` takes the place of a wrong header, ``None`` is not given."""
-    from posecast.io import read_clip
-
-    if fps is not None:
-        _check_rate("--fps", fps)
-    given = {name: value for name, value in options.items() if value is not None}
-    return read_clip(path, fps=fps, **given)
-
-
 def save_clip(clip: Clip, path: Path) -> None:
     """Write any motion file, and say what its format could not keep."""
     from posecast.io import write_clip
@@ -200,14 +176,6 @@ def save_clip(clip: Clip, path: Path) -> None:
         notes = (*notes, BODILESS)
     for note in notes:
         say(f"note: {path}: {note}")
-
-
-def _check_rate(option: str, fps: float) -> None:
-    """Refuse a frame rate that no recording has, before it asks for frames without number."""
-    if not 0 < fps <= _MOST_FPS:
-        raise ConfigError(
-            f"{option} {fps:g}: expected frames per second, above 0 and at most {_MOST_FPS}"
-        )
 
 
 def _places(source: Path, target: Path, suffix: str) -> dict[Path, Path]:
@@ -240,13 +208,13 @@ def _places(source: Path, target: Path, suffix: str) -> dict[Path, Path]:
     return places
 
 
-def _clip_to_convert(path: Path, reading: dict[str, Any], *, resample: float | None) -> Clip:
+def _clip_to_convert(path: Path, reading: Reading, *, resample: float | None) -> Clip:
     from posecast.motion import transforms
 
     if resample is None:
-        return load_clip(path, **reading)
-    _check_rate("--resample", resample)
-    return transforms.resample(load_clip(path, **reading), resample, phases="first")[0]
+        return reading.clip(path)
+    check_rate("--resample", resample)
+    return transforms.resample(reading.clip(path), resample, phases="first")[0]
 
 
 def _print_facts(fact: dict[str, Any]) -> None:

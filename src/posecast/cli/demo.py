@@ -78,8 +78,10 @@ def _clear(run: Path) -> None:
     """Remove the run of an earlier demo, if it is nothing but that."""
     if not run.exists():
         return
-    own = (*RUN_FILES, "tensorboard")
-    foreign = [name.name for name in sorted(run.iterdir()) if name.name not in own]
+    own = {*RUN_FILES, "tensorboard", *(f"{name}.previous" for name in RUN_FILES)}
+    # Names with a dot in front are half-written files of a demo that was killed, or a system's.
+    names = sorted(entry.name for entry in run.iterdir())
+    foreign = [name for name in names if name not in own and not name.startswith(".")]
     if foreign:
         raise ConfigError(
             f"{run} holds {foreign[0]!r}, which no demo wrote; move it away, or name another "

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from posecast.cli.reading import Reading
 from posecast.cli.terminal import (
     CorpusOption,
     FpsOption,
@@ -161,10 +162,12 @@ def evaluate(
         if path is not None:
             check_target(path)
     report = score_systems(systems, corpus=corpus, root=root, protocol=protocol, split=split)
-    typer.echo(report.to_json() if as_json else report.to_markdown())
-    for path, text in ((markdown, report.to_markdown()), (csv, report.to_csv())):
-        if path is not None:
-            _write_text(path, text)
+    try:
+        typer.echo(report.to_json() if as_json else report.to_markdown())
+    finally:  # whoever read standard output may be gone; the files were asked for all the same
+        for path, text in ((markdown, report.to_markdown()), (csv, report.to_csv())):
+            if path is not None:
+                _write_text(path, text)
 
 
 def forecast(
@@ -186,13 +189,15 @@ def forecast(
     template: TemplateOption = None,
 ) -> None:
     """Continue a clip: writes the clip and its forecast in the clip's own conventions."""
-    from posecast.cli.data_commands import load_clip, save_clip
+    from posecast.cli.data_commands import save_clip
     from posecast.io.atomic import check_target
     from posecast.system import load
 
     check_target(out)
+    reading = Reading(fps, unit=unit, up=up, skeleton=skeleton, template=template)
+    reading.check([clip])
     system = load(checkpoint)
-    known = load_clip(clip, fps=fps, unit=unit, up=up, skeleton=skeleton, template=template)
+    known = reading.clip(clip)
     try:
         continued = system.forecast(known, horizon_ms=horizon_ms)
     except SkeletonError as error:

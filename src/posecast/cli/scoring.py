@@ -64,8 +64,16 @@ def score_systems(
             + "; evaluate one recipe at a time"
         )
     first = systems[0]
+    seeds: dict[int, str] = {}
     for name, system in zip(names, systems, strict=True):
         _check_same(names[0], first, name, system)
+        seed = system.recipe.plan.seed
+        if seed in seeds:
+            raise ConfigError(
+                f"{seeds[seed]} and {name} are of one run, or of two with one seed ({seed}), which "
+                "has no spread; name one of them"
+            )
+        seeds[seed] = name
     data = _corpus_of(first, corpus, root)
     _check_skeleton(first, data)
     return evaluate_predictors(

@@ -31,6 +31,7 @@ __all__ = [
     "read_clip",
     "read_h36m",
     "read_h36m_columns",
+    "reader_options",
     "write_archive",
     "write_bvh",
     "write_clip",
@@ -45,7 +46,8 @@ def read_clip(path: str | PathLike[str], *, fps: float | None = None, **options:
 
     Args:
         path: the file.
-        fps: the true frame rate, in the place of a wrong or missing one; the frames stay.
+        fps: the true frame rate, in the place of a wrong one (in AMASS files, or of none); the
+            frames stay as they are.
         options: of that format's reader, such as ``unit`` and ``up`` of ``read_bvh``, ``skeleton``
             of ``read_amc``, ``template`` of ``read_amass``.
 
@@ -55,10 +57,8 @@ def read_clip(path: str | PathLike[str], *, fps: float | None = None, **options:
     """
     if fps is not None and not 0 < fps < math.inf:
         raise ConfigError(f"fps is {fps}: expected a positive number of frames per second")
-    reader = READERS[_extension(path, READERS, "read")]
-    if reader is _read_npz:
-        reader = _npz_reader(path)
-    known = list(inspect.signature(reader).parameters)[1:]
+    reader = _reader(path)
+    known = _options(reader)
     for option in options:
         if option not in known:
             found = ", ".join(name for name in known if name != "fps") or "none"
@@ -69,6 +69,26 @@ def read_clip(path: str | PathLike[str], *, fps: float | None = None, **options:
         return reader(path, fps=fps, **options)
     clip = reader(path, **options)
     return clip if fps is None else replace(clip, fps=fps)
+
+
+def reader_options(path: str | PathLike[str]) -> tuple[str, ...]:
+    """What the reader of a file's format can be told besides the file.
+
+    Raises:
+        DataError: the extension is not known, or an .npz file cannot be opened.
+    """
+    return _options(_reader(path))
+
+
+def _reader(path: str | PathLike[str]) -> Callable[..., Clip]:
+    """What reads a file."""
+    reader = READERS[_extension(path, READERS, "read")]
+    return _npz_reader(path) if reader is _read_npz else reader
+
+
+def _options(reader: Callable[..., Clip]) -> tuple[str, ...]:
+    """A reader's parameters but the path."""
+    return tuple(inspect.signature(reader).parameters)[1:]
 
 
 def write_clip(clip: Clip, path: str | PathLike[str]) -> tuple[str, ...]:

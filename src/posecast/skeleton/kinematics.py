@@ -40,8 +40,9 @@ def forward_kinematics(
 ) -> World:
     """World positions and rotations of all joints.
 
-    Gradients are those of ``joint_positions`` and ``local_to_root``. Ask for the positions alone
-    where the rotations are not needed.
+    Gradients are those of ``joint_positions`` and ``local_to_root``; both results belong to one
+    step back, so change neither in place before it. Ask for the positions alone where the rotations
+    are not needed.
 
     Args:
         skeleton: a forest; every root is at ``root_positions`` plus its own offset.

@@ -60,7 +60,8 @@ class Placement(torch.autograd.Function):
             if world is not None:
                 world[piece] = _in_order_of_skeleton(space.walk.world, plan)
             positions[piece] = space.place(None if roots is None else roots[piece])
-        ctx.save_for_backward(rotations if with_rotations else None, world, *kept)
+        pulls = with_rotations and ctx.needs_input_grad[1]
+        ctx.save_for_backward(*((rotations, world) if pulls else (None, None)), *kept)
         ctx.plan, ctx.offsets_shape = plan, offsets.shape
         ctx.set_materialize_grads(False)
         return positions, world

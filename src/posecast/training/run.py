@@ -20,7 +20,7 @@ from posecast.errors import ConfigError, DataError, SkeletonError
 from posecast.model.forecaster import Forecaster
 from posecast.motion.corpus import Corpus
 from posecast.training.feeding import Feed
-from posecast.training.keeping import RUN_FILES, STATE, Best, Keeper, Save, Validate
+from posecast.training.keeping import BEST, LAST, RUN_FILES, STATE, Best, Keeper, Save, Validate
 from posecast.training.losses import Objective
 from posecast.training.plan import Machines, Plan, require_lightning
 from posecast.training.sampling import EveryRecording, Sampling, Windows
@@ -185,11 +185,17 @@ def _begin(
         raise DataError(folder, f"cannot be made ({error.strerror}); choose another") from None
     found = [name for name in RUN_FILES if (folder / name).exists()]
     if found and not resume:
+        remedy = "resume it, or choose" if path.exists() else "choose"
         raise ConfigError(
-            f"{folder} holds a training run already ({', '.join(found)}); resume it, or choose "
-            "another folder"
+            f"{folder} holds a training run already ({', '.join(found)}); {remedy} another folder"
         )
     if not path.exists():
+        checkpoints = [name for name in (LAST, BEST) if name in found]
+        if checkpoints:
+            raise ConfigError(
+                f"{folder} has {' and '.join(checkpoints)} but no {STATE} to go on from; choose "
+                "another folder"
+            )
         return None
     state = read_state(path)
     check_settings(state.settings, settings, path)
@@ -283,8 +289,8 @@ def _run(trainer: Trainer, module: TrainingModule, keeper: Keeper, *, progress: 
             stack.enter_context(keeper.open(progress=progress))
         try:
             trainer.fit(module, range(module.windows.steps))
-        except SystemExit:
-            if trainer.interrupted:  # Lightning makes an exit of Ctrl-C
+        except SystemExit as stop:
+            if trainer.interrupted and stop.code == 1:  # what Lightning makes of Ctrl-C
                 raise KeyboardInterrupt from None
             raise
 
