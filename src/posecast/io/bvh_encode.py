@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from os import PathLike
 from typing import NamedTuple
 
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 
 from posecast.errors import DataError
 from posecast.io.bvh_channels import MICRO, complete_axes, quaternion_to_channels
-from posecast.io.bvh_decode import STILL, decode_rotations
+from posecast.io.bvh_decode import STILL
 from posecast.io.bvh_document import (
     AXES,
     GREATEST,
@@ -25,6 +24,7 @@ from posecast.io.bvh_document import (
     first_columns,
     is_position,
 )
+from posecast.io.bvh_held import NOTHING_HELD, Held, held_angles
 from posecast.io.bvh_layout import (
     UNITS,
     BvhLayout,
@@ -36,8 +36,6 @@ from posecast.motion.clip import Clip
 
 _DEFAULT_ORDER = "zyx"
 _CHUNK = 2**14
-_SAME = 2e-7
-"""Difference of quaternions, 2e-5 degrees, that is none: what float32 makes of them."""
 
 
 class Encoded(NamedTuple):
@@ -59,15 +57,13 @@ class _Column:
     Args:
         joint: how it stands in the hierarchy; gets channels that it turns out to need.
         translation: (frames, 3) from the parent, or (1, 3) if constant; file units and axes.
-        source: (frames, turns) degrees in the source; no frames where it did not have the joint.
-        same: so many frames, from the first on, are turned as they are there.
+        held: angles of the source.
         angles: (frames, turns) micro-degrees.
     """
 
     joint: BvhJoint
     translation: NDArray[np.float64]
-    source: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 0)))
-    same: int = 0
+    held: Held = NOTHING_HELD
     angles: NDArray[np.float64] | None = None
 
 
@@ -81,8 +77,11 @@ def encode(clip: Clip, path: str | PathLike[str]) -> Encoded:
     notes: list[str] = []
     rotations = turn_rotations_back(clip.rotations_local.double().cpu(), layout.up)
     columns = _columns(clip, layout, path)
-    _find_same(columns, clip.skeleton.names, rotations, layout)
-    for column in columns:
+    places = [column.joint.rotation_places for column in columns]
+    for column, held in zip(
+        columns, held_angles(clip.skeleton.names, places, rotations, layout), strict=True
+    ):
+        column.held = held
         _fit_translation(column, notes)
     _fit_rotations(columns, rotations, notes)
     joints = tuple(column.joint for column in columns)
@@ -154,62 +153,6 @@ def _columns(clip: Clip, layout: BvhLayout, path: str | PathLike[str]) -> list[_
     return columns
 
 
-def _find_same(
-    columns: list[_Column],
-    names: tuple[str, ...],
-    rotations: Float[torch.Tensor, "frames joints 4"],
-    layout: BvhLayout,
-) -> None:
-    """Find each joint's angles in the source, and for how many frames they still hold."""
-    if layout.rows is None:
-        return
-    known = {name: place for place, name in enumerate(layout.names)}
-    everything = decode_rotations(BvhDocument(layout.joints, layout.frame_time, layout.rows))
-    begin = _first_row(names, rotations.numpy(), known, everything.numpy())
-    rows = layout.rows[begin : begin + len(rotations)]
-    before = everything[begin : begin + len(rotations)].numpy()
-    after = rotations[: len(rows)].numpy()
-    starts = first_columns(layout.joints)
-    for place, (column, name) in enumerate(zip(columns, names, strict=True)):
-        source = known.get(name)
-        if source is None:
-            continue
-        turns = [starts[source] + turn for turn in column.joint.rotation_places]
-        column.source = layout.rows[begin:, turns]
-        apart = _apart(after[:, place], before[:, source])
-        other = (apart > _SAME) | (np.abs(rows[:, turns]).max(axis=1, initial=0) >= GREATEST)
-        column.same = int(other.argmax()) if other.any() else len(rows)
-
-
-def _first_row(
-    names: tuple[str, ...],
-    rotations: Float[np.ndarray, "frames joints 4"],
-    known: Mapping[str, int],
-    source: Float[np.ndarray, "rows known 4"],
-) -> int:
-    """The row of the source at which a clip that was cut from it begins; 0 where none is it."""
-    pairs = [(place, known[name]) for place, name in enumerate(names) if name in known]
-    begins, ends = np.ones((2, len(source)), dtype=np.bool_)
-    for ours, theirs in pairs:
-        begins &= _apart(source[:, theirs], rotations[0, ours]) <= _SAME
-        ends &= _apart(source[:, theirs], rotations[-1, ours]) <= _SAME
-    found = np.flatnonzero(begins)
-    if not len(found):
-        return 0
-    # Of rows that are alike, as those of somebody who waits, the one that fits the end, too.
-    last = found + len(rotations) - 1
-    fits = (last < len(source)) & ends[np.minimum(last, len(source) - 1)]
-    return int(found[fits.argmax()])
-
-
-def _apart(
-    some: Float[np.ndarray, "frames 4"], others: Float[np.ndarray, "*#frames 4"]
-) -> Float[np.ndarray, "frames"]:
-    """Largest difference of components, of the nearer sign."""
-    one, other = some.T.copy(), others.T.copy().reshape(4, -1)
-    return np.minimum(np.abs(one - other).max(axis=0), np.abs(one + other).max(axis=0))
-
-
 def _default_joint(name: str, parent: int, offset: Float[np.ndarray, "3"]) -> BvhJoint:
     channels = tuple(f"{axis.upper()}rotation" for axis in _DEFAULT_ORDER)
     if parent < 0:
@@ -260,15 +203,15 @@ def _fit_rotations(
     """Angles for the channels of every joint; three channels where there are too few."""
     groups: dict[_Kind, list[int]] = {}
     for place, column in enumerate(columns):
-        if column.same == len(rotations):
-            column.angles = np.rint(column.source[: column.same] * MICRO)
+        if column.held.frames == len(rotations):
+            column.angles = np.rint(column.held.degrees[: len(rotations)] * MICRO)
             continue
         axes = column.joint.rotation_axes
         order = complete_axes(axes) if axes else _DEFAULT_ORDER
         if order is None:
             _give_three(column, _DEFAULT_ORDER, notes)
             order, axes = _DEFAULT_ORDER, _DEFAULT_ORDER
-        groups.setdefault(_Kind(order, len(axes), column.same), []).append(place)
+        groups.setdefault(_Kind(order, len(axes), column.held.frames), []).append(place)
     failed: dict[str, list[int]] = {}
     for kind, places in groups.items():
         expressible = _solve(columns, rotations, places, kind)
@@ -298,7 +241,7 @@ def _solve(
     rotations = rotations[same:]
     near = np.zeros((len(places), turns))
     for row, place in zip(near, places, strict=True):
-        known = columns[place].source[max(same - 1, 0) :][:1].ravel()[:turns]
+        known = columns[place].held.degrees[max(same - 1, 0) :][:1].ravel()[:turns]
         row[: len(known)] = known
     # A few joints at a time: what a step reads is then still in the cache.
     batch = max(1, _CHUNK // len(rotations))
@@ -311,7 +254,7 @@ def _solve(
         expressible.extend(found.expressible)
         for index, place in enumerate(chosen):
             column = columns[place]
-            as_before = np.rint(column.source[:same] * MICRO).reshape(same, turns)
+            as_before = np.rint(column.held.degrees[:same] * MICRO).reshape(same, turns)
             column.angles = np.concatenate([as_before, found.micro[:, index]])
     return expressible
 
@@ -334,9 +277,8 @@ def _give_three(column: _Column, order: str, notes: list[str]) -> None:
         f"written as {' '.join(turns)}"
     )
     column.joint = replace(joint, channels=tuple(channels))
-    column.same = 0
-    if joint.rotation_axes != order[: len(joint.rotation_axes)]:
-        column.source = np.empty((0, 0))
+    fits = joint.rotation_axes == order[: len(joint.rotation_axes)]
+    column.held = column.held._replace(frames=0) if fits else NOTHING_HELD
 
 
 _DEFAULT = BvhLayout(joints=(), names=(), unit=UNITS["cm"], up="y", frame_time="", fps=0.0)
