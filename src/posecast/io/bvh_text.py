@@ -79,19 +79,13 @@ def _encode(text: str, encoding: str) -> bytes:
 
 
 def _hierarchy(joints: tuple[BvhJoint, ...]) -> Iterator[str]:
-    """Lines of the hierarchy, depth first without recursion, children in the joints' order."""
-    children: list[list[int]] = [[] for _ in joints]
-    roots: list[int] = []
-    for place, joint in enumerate(joints):
-        (roots if joint.parent < 0 else children[joint.parent]).append(place)
-    todo: list[tuple[int, int]] = [(root, 0) for root in reversed(roots)]
-    while todo:
-        place, depth = todo.pop()
-        indent = "  " * min(abs(depth), _DEEPEST_INDENT)
-        if place < 0:
-            yield indent + "}"
-            continue
-        joint = joints[place]
+    """Lines of the hierarchy of joints that are in the order of ``depth_first``."""
+    depths: list[int] = []
+    for joint in joints:
+        depth = 0 if joint.parent < 0 else depths[joint.parent] + 1
+        yield from _closed(depths[-1] if depths else -1, depth)
+        depths.append(depth)
+        indent = "  " * min(depth, _DEEPEST_INDENT)
         inner = "  " * min(depth + 1, _DEEPEST_INDENT)
         yield f"{indent}{'ROOT' if joint.parent < 0 else 'JOINT'} {joint.name}".rstrip()
         yield indent + "{"
@@ -102,8 +96,13 @@ def _hierarchy(joints: tuple[BvhJoint, ...]) -> Iterator[str]:
             yield inner + "{"
             yield f"{inner}  OFFSET {' '.join(end.offset)}"
             yield inner + "}"
-        todo.append((-1, depth))
-        todo.extend((child, depth + 1) for child in reversed(children[place]))
+    yield from _closed(depths[-1] if depths else -1, 0)
+
+
+def _closed(last: int, depth: int) -> Iterator[str]:
+    """Braces of all joints that end after one of depth ``last`` and before one of ``depth``."""
+    for level in range(last, depth - 1, -1):
+        yield "  " * min(level, _DEEPEST_INDENT) + "}"
 
 
 def six_decimals(micro: Float[np.ndarray, "frames channels"]) -> bytes:
