@@ -180,7 +180,7 @@ def test_a_predictor_answers_in_the_precision_it_was_asked_in(make_forecaster, m
     forecaster = make_forecaster().float()
     predictor = ForecasterPredictor(forecaster)
     assert predictor.predict(motion, 2).rotations_local.dtype == torch.float64
-    single = Motion(*(part.float() for part in motion))
+    single = motion.map(torch.Tensor.float)
     assert predictor.predict(single, 2).root_positions.dtype == torch.float32
 
 

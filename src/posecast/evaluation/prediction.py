@@ -27,12 +27,7 @@ def run_predictor(
 ) -> tuple[Motion, Motion, Motion]:
     """Prefix, prediction and truth of some windows, float64."""
     whole = _gather(corpus, windows, prefix + horizon)
-    known = Motion(
-        whole.rotations_local[:, :prefix], whole.root_positions[:, :prefix], whole.offsets
-    )
-    target = Motion(
-        whole.rotations_local[:, prefix:], whole.root_positions[:, prefix:], whole.offsets
-    )
+    known, target = whole.cut(0, prefix), whole.cut(prefix)
     with torch.no_grad():
         predicted = predictor.predict(known, horizon)
     return known, _checked(predicted, target, type(predictor).__name__), target
@@ -52,8 +47,14 @@ def _gather(corpus: Corpus, windows: Sequence[Window], length: int) -> Motion:
 
 def _checked(predicted: Motion, target: Motion, name: str) -> Motion:
     """The prediction in the target's precision and place, if it is what was asked for."""
-    for field in ("rotations_local", "root_positions"):
-        found, expected = getattr(predicted, field), getattr(target, field)
+    moved = predicted.translations_local
+    pairs = {
+        "rotations_local": (predicted.rotations_local, target.rotations_local),
+        "root_positions": (predicted.root_positions, target.root_positions),
+    }
+    if moved is not None:
+        pairs["translations_local"] = (moved, target.rotations_local[..., 1:])
+    for field, (found, expected) in pairs.items():
         if found.shape != expected.shape:
             raise ConfigError(
                 f"{name}.predict returned {field} of shape {tuple(found.shape)}; expected "
@@ -76,9 +77,5 @@ def _checked(predicted: Motion, target: Motion, name: str) -> Motion:
         quaternion.normalize(rotations),
         predicted.root_positions.to(target.root_positions),
         target.offsets,
+        None if moved is None else moved.to(target.offsets),
     )
-
-
-def join(motions: Sequence[Motion]) -> Motion:
-    """Batches one after the other."""
-    return Motion(*(torch.cat(parts) for parts in zip(*motions, strict=True)))

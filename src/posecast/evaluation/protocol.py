@@ -13,9 +13,10 @@ from torch import Tensor
 from posecast.config import check_call, did_you_mean, pick_kind
 from posecast.errors import ConfigError
 from posecast.evaluation.metrics import METRICS, Scene
-from posecast.evaluation.prediction import Predictor, join, run_predictor
+from posecast.evaluation.prediction import Predictor, run_predictor
 from posecast.evaluation.scores import Milliseconds, Scores, list_ms
 from posecast.evaluation.windows import Grid, LegacyDraws, Sampling
+from posecast.motion.clip import Motion
 from posecast.motion.corpus import Corpus
 
 SHORT_TERM_MS: tuple[Milliseconds, ...] = (80, 160, 320, 400)
@@ -120,7 +121,9 @@ class Protocol:
                 )
                 for first in range(0, len(group.windows), batch)
             ]
-            known, predicted, target = (join(motions) for motions in zip(*parts, strict=True))
+            known, predicted, target = (
+                Motion.join(motions) for motions in zip(*parts, strict=True)
+            )
             scene = Scene(corpus.skeleton, corpus.fps, known)
             for metric in self.metrics:
                 values[group.name, metric] = METRICS[metric].values(

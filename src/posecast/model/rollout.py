@@ -222,14 +222,9 @@ class ForecasterPredictor:
             with torch.inference_mode():
                 done = [
                     rollout(self.forecaster, codec.encode(piece).to(weight), horizon).features
-                    for piece in _pieces(prefix, self.batch)
+                    for piece in prefix.split(self.batch)
                 ]
         finally:
             self.forecaster.train(training)
         features = torch.cat(done).to(prefix.root_positions)
         return codec.decode(features, offsets=prefix.offsets, anchor=prefix.root_positions[:, -1])
-
-
-def _pieces(motion: Motion, batch: int) -> list[Motion]:
-    """A batch of motions in smaller batches."""
-    return [Motion(*piece) for piece in zip(*(part.split(batch) for part in motion), strict=True)]

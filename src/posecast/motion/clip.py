@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from operator import itemgetter
 from typing import NamedTuple
 
 import torch
@@ -22,11 +23,62 @@ class Motion(NamedTuple):
         rotations_local: unit quaternions (w, x, y, z) relative to the parent.
         root_positions: position of the first root in the world, metres.
         offsets: translation of each joint from its parent in the rest pose, metres.
+        translations_local: only where bones stretch, as a network may let them: the translation of
+            each joint from its parent, frame by frame, metres. ``None``: bones are rigid.
     """
 
     rotations_local: Float[Tensor, "batch frames joints 4"]
     root_positions: Float[Tensor, "batch frames 3"]
     offsets: Float[Tensor, "batch joints 3"]
+    translations_local: Float[Tensor, "batch frames joints 3"] | None = None
+
+    @property
+    def bones(self) -> Float[Tensor, "batch _ joints 3"]:
+        """Translation of each joint from its parent in every frame, or in one that is for all."""
+        moved = self.translations_local
+        return self.offsets[:, None] if moved is None else moved
+
+    @property
+    def rigid(self) -> Motion:
+        """The same rotations on the body at rest: bones as long as its offsets."""
+        return self._replace(translations_local=None)
+
+    def map(self, change: Callable[[Tensor], Tensor]) -> Motion:
+        """All tensors changed alike, such as moved to another device."""
+        moved = self.translations_local
+        return Motion(
+            change(self.rotations_local),
+            change(self.root_positions),
+            change(self.offsets),
+            None if moved is None else change(moved),
+        )
+
+    def cut(self, start: int, stop: int | None = None) -> Motion:
+        """Frames ``start`` up to, not including, ``stop``, as a slice counts them."""
+        piece = slice(start, stop)
+        moved = self.translations_local
+        return Motion(
+            self.rotations_local[:, piece],
+            self.root_positions[:, piece],
+            self.offsets,
+            None if moved is None else moved[:, piece],
+        )
+
+    def split(self, batch: int) -> list[Motion]:
+        """The same in pieces of at most ``batch`` motions, in order."""
+        firsts = range(0, max(len(self.rotations_local), 1), batch)
+        return [self.map(itemgetter(slice(first, first + batch))) for first in firsts]
+
+    @staticmethod
+    def join(motions: Sequence[Motion]) -> Motion:
+        """Batches one after the other; bones stretch in all of them or in none."""
+        moved = [m.translations_local for m in motions if m.translations_local is not None]
+        return Motion(
+            torch.cat([motion.rotations_local for motion in motions]),
+            torch.cat([motion.root_positions for motion in motions]),
+            torch.cat([motion.offsets for motion in motions]),
+            torch.cat(moved) if moved else None,
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -49,6 +49,6 @@ def mirror(motion: Motion, chosen: Bool[Tensor, "batch"], skeleton: Skeleton) ->
     return Motion(
         *(
             torch.where(chosen.reshape(-1, *(1,) * (before.ndim - 1)), after, before)
-            for before, after in zip(motion, reflected, strict=True)
+            for before, after in zip(motion[:3], reflected[:3], strict=True)
         )
     )

@@ -16,7 +16,6 @@ from torch.optim import SGD, Adam, Optimizer
 
 from posecast.errors import ConfigError
 from posecast.model.forecaster import Forecaster
-from posecast.motion import Motion
 from posecast.training.feeding import Feed
 from posecast.training.losses import Objective
 from posecast.training.sampling import Windows
@@ -121,7 +120,7 @@ class TrainingModule(lightning.LightningModule):
         batch = self.windows.share(
             self.epoch, step, rank=self.global_rank, ranks=self.trainer.world_size
         )
-        motion = Motion(*(values.to(self.device) for values in batch.motion))
+        motion = batch.motion.map(lambda values: values.to(self.device))
         draws = derived_generator(self.windows.seed, "feed", self.epoch, step)
         mask = self.feed.mask(self.windows.length - self.prefix, self.epoch, draws)
         loss = training_loss(

@@ -202,7 +202,7 @@ class Windows:
         own = slice(rank, None, ranks) if rank < len(whole) else slice(0, 1)
         weight = len(whole[own]) * ranks / len(whole) if rank < len(whole) else 0.0
         gathered = self.corpus.gather(whole[own], self.length)
-        motion = Motion(*(values.to(self.dtype) for values in gathered))
+        motion = gathered.map(lambda values: values.to(self.dtype))
         generator = derived_generator(self.seed, "augmentation", epoch, step)
         # Drawn for the whole batch, used or not, so that the share does not change the draws.
         turns = (4 * torch.rand(len(whole), generator=generator, dtype=torch.float64) - 2) * math.pi
