@@ -32,6 +32,7 @@ def test_every_corpus_can_be_asked_for_by_name() -> None:
         "bandai-locomotion",
         "h36m",
         "amass",
+        "bodies",
         "folder",
     )
     assert (len(SALSA_FILES), len(ASF_FILES)) == (28, 28)
@@ -52,7 +53,7 @@ def test_a_misspelled_corpus_or_option_is_refused_with_the_nearest(tmp_path: Pat
         build_corpus("cmu-salsa")
 
 
-@pytest.mark.parametrize("kind", [kind for kind in CORPORA if kind != "synthetic"])
+@pytest.mark.parametrize("kind", [kind for kind in CORPORA if kind not in ("synthetic", "bodies")])
 def test_a_folder_that_is_not_there_or_empty_is_refused(kind: str, tmp_path: Path) -> None:
     with pytest.raises(DataError, match="no such folder"):
         build_corpus(kind, root=tmp_path / "nowhere", cache=False)

@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 import torch
 
 from posecast.errors import ConfigError
-from posecast.evaluation import AVERAGE, METRICS, PROTOCOLS, Scene, build_protocol
+from posecast.evaluation import (
+    AVERAGE,
+    METRICS,
+    PROTOCOLS,
+    Scene,
+    baseline_scores,
+    build_protocol,
+)
 from posecast.evaluation.protocol import frame_of
-from posecast.model import RunningAverage, ZeroVelocity
+from posecast.evaluation.windows import Grid
+from posecast.geometry import quaternion
+from posecast.model import MeanPose, RunningAverage, ZeroVelocity
 from posecast.motion.clip import Motion
 from posecast.motion.corpus import Corpus
 
@@ -18,6 +29,9 @@ class Oracle:
 
     def __init__(self, corpus):
         self.clips = corpus.clips
+
+    def replay(self, prefix: Motion) -> Motion:
+        return prefix.cut(1)
 
     def predict(self, prefix: Motion, horizon: int) -> Motion:
         rotations, positions = [], []
@@ -86,8 +100,11 @@ def test_a_time_between_frames_is_refused_with_the_nearest_that_would_do(ms, fps
     assert advice in str(caught.value)
 
 
-def test_there_are_three_protocols():
-    assert list(PROTOCOLS) == ["h36m-standard", "h36m-128", "short-term"]
+def test_there_are_six_protocols():
+    assert list(PROTOCOLS) == [
+        *("h36m-standard", "h36m-128", "h36m-long"),
+        *("cmu-acrnn", "cross-skeleton", "short-term"),
+    ]
 
 
 @pytest.mark.parametrize(("kind", "windows"), [("h36m-standard", 8), ("h36m-128", 256)])
@@ -110,10 +127,58 @@ def test_batches_do_not_change_the_result(corpus):
 
 @pytest.mark.parametrize("kind", PROTOCOLS)
 def test_an_oracle_scores_zero_everywhere(corpus, kind):
-    options = {"stride": 40} if kind == "short-term" else {}
-    scores = build_protocol(kind, **options).score(Oracle(corpus), corpus)
-    assert len(scores.rows) == 3 * len(scores.metrics) * 4
-    assert max(row.value for row in scores.rows) < 1e-6
+    options = {
+        "short-term": {"stride": 40},
+        "cross-skeleton": {"stride": 40, "prefix_ms": 400, "horizons_ms": [80, 160, 320, 400]},
+        "cmu-acrnn": {"stride": 40, "horizons_ms": [120, 400, 800, 1000]},
+    }.get(kind, {})
+    protocol = build_protocol(kind, **options)
+    if kind == "cmu-acrnn":  # at the rate of the corpus, which is that of no paper
+        protocol = replace(protocol, fps=25.0, prefix_ms=400)
+    scores = protocol.score(Oracle(corpus), corpus)
+    lines = len(scores.actions) + 1  # and their average
+    assert lines == (2 if kind == "cross-skeleton" else 3)
+    assert len(scores.rows) == lines * len(scores.metrics) * len(protocol.horizons_ms)
+    # What the truth itself has of acceleration and jitter is no error.
+    own = ("acceleration", "acceleration_cmu", "acceleration_true", "jitter", "jitter_true")
+    assert max(row.value for row in scores.rows if row.metric not in own) < 1e-6
+
+
+def test_frames_of_the_prefix_need_a_predictor_that_replays(corpus):
+    protocol = build_protocol("short-term", metrics=["npss_with_prefix"], stride=40)
+    with pytest.raises(ConfigError, match=r"Wrong has no replay\(prefix\)"):
+        protocol.score(Wrong(lambda motion: motion), corpus)
+
+
+def test_a_limit_spreads_windows_evenly(make_clip):
+    corpus = Corpus("toy", [make_clip(300, 1, action="walk")], {"test": (0,)})
+    whole = Grid(7).sample(corpus, "test", 40).groups[0].windows
+    few = Grid(7, limit=4).sample(corpus, "test", 40)
+    starts = [window.start for window in few.groups[0].windows]
+    assert (len(whole), len(starts)) == (38, 4)
+    assert starts == [whole[place].start for place in (0, 12, 25, 37)]
+    assert any("Of the 38 windows of walk, 4 are taken" in note for note in few.notes)
+
+
+def test_the_mean_pose_is_the_rotation_between_and_is_in_the_table(make_clip):
+    clips = [make_clip(100, seed, action="walk") for seed in (1, 2)]
+    corpus = Corpus("toy", clips, {"train": (0,), "test": (1,)})
+    away = torch.tensor([0.4, 0.0, 0.0], dtype=torch.float64)
+    joints = len(clips[0].skeleton)
+    turns = torch.stack([quaternion.exp(away), -quaternion.exp(-away)])
+    pair = replace(
+        clips[0].cut(0, 2), rotations_local=turns[:, None].expand(2, joints, 4).contiguous()
+    )
+    mean = MeanPose.of([pair]).rotations_local
+    still = quaternion.identity(joints, like=mean)
+    torch.testing.assert_close(quaternion.angle(mean, still), torch.zeros(joints).double())
+    protocol = replace(
+        build_protocol("short-term", stride=40, prefix_ms=400), baselines=("mean-pose",)
+    )
+    (scores,) = baseline_scores(protocol, corpus)
+    assert scores.system == "mean-pose"
+    without = Corpus("toy", clips, {"test": (1,)})
+    assert baseline_scores(protocol, without) == ()
 
 
 def test_a_row_is_the_mean_over_windows_and_the_average_is_unweighted(make_clip):

@@ -15,6 +15,12 @@ OPTIONS = {
     ]
     # Of this size on, it has a kernel of its own.
     + [{"hidden": 256, "layers": 2, "initial_state": "learned"}],
+    "lstm": [
+        {"hidden": 7, "layers": layers, "wiring": wiring, "initial_state": initial}
+        for layers in (1, 3)
+        for wiring in ("stacked", "delayed")
+        for initial in ("learned", "zero")
+    ],
 }
 """Small members of every kind; a kind that is missing here fails the tests below."""
 

@@ -21,38 +21,56 @@ from posecast.model import (
     rollout,
 )
 from posecast.model.forecaster import Residual
-from posecast.motion import Motion
+from posecast.motion import Clip, Motion
 from posecast.representation import REPRESENTATIONS, Codec, build_representation
-from posecast.skeleton import Skeleton
+from posecast.skeleton import Skeleton, joint_positions
 from posecast.training.feeding import FEEDS
 
 SKELETON = Skeleton(("hips", "spine", "head", "left", "right"), (-1, 0, 1, 1, 1))
 PREFIX, TRAINED, HORIZON, CONTROLS = 4, 2, 10, 6
 
 BACKBONE_OPTIONS = {
-    "gru": [{"hidden": 8, "layers": 1, "initial_state": initial} for initial in ("learned", "zero")]
+    "gru": [
+        {"hidden": 8, "layers": 1, "initial_state": initial} for initial in ("learned", "zero")
+    ],
+    "lstm": [{"hidden": 6, "layers": 2, "wiring": wiring} for wiring in ("stacked", "delayed")],
 }
 HEAD_OPTIONS = {"dense": [{}, {"hidden": 12}]}
 FEED_OPTIONS = {
     "teacher_forcing": {},
     "free_running": {},
     "scheduled_sampling": {"decay": 0.5},
+    "auto_conditioning": {"true_frames": 1, "own_frames": 1},
 }
 INPUTS = ("plain", "projected", "steered")
 RESIDUALS = Residual.__args__
 ROOTS = ("none", "displacement")
 STANDARDIZE = (False, True)
 
-CODECS = list(product(REPRESENTATIONS, ROOTS, STANDARDIZE))
-NETWORKS = list(
+# The law: every kind of part with every other, at the first of its options, with and without root
+# channels and statistics.
+KINDS = [
+    ((backbone, BACKBONE_OPTIONS[backbone][0]), ("dense", {}), residual, "plain", feed)
+    for backbone in BACKBONES
+    for residual in RESIDUALS
+    for feed in FEEDS
+]
+CODECS = [
+    (kind, *rest) for kind in REPRESENTATIONS for rest in (("none", False), ("displacement", True))
+]
+# What does not depend on the representation, in full, on one of them.
+OPTIONS = list(
     product(
         [(kind, options) for kind in BACKBONES for options in BACKBONE_OPTIONS[kind]],
         [(kind, options) for kind in HEADS for options in HEAD_OPTIONS[kind]],
         RESIDUALS,
         INPUTS,
-        FEEDS,
+        ["scheduled_sampling"],
     )
 )
+
+
+CLIP = Clip(SKELETON, torch.zeros(5, 3), 25.0, torch.zeros(1, 3), torch.eye(4)[:1].expand(1, 5, 4))
 
 
 def make_motion(generator):
@@ -132,15 +150,34 @@ def try_combination(codec, network, motion, generator):
     lengths = decoded.rotations_local.norm(dim=-1)
     torch.testing.assert_close(lengths, torch.ones_like(lengths), atol=1e-5, rtol=0)
     assert decoded.root_positions.isfinite().all()
+    clip = decoded.clip(CLIP, name="forecast")
+    places = joint_positions(SKELETON, clip.rotations_local, bones_of(clip), clip.root_positions)
+    assert places.isfinite().all()
+    again = codec.encode(clip.motion()) if clip.translations_local is None else None
+    assert again is None or again.shape == (1, HORIZON, codec.feature_dim)
     return True
+
+
+def bones_of(clip):
+    return clip.offsets if clip.translations_local is None else clip.translations_local
 
 
 @pytest.mark.parametrize(("kind", "root", "standardize"), CODECS)
 def test_every_combination_works_or_names_what_would_fit(kind, root, standardize, generator):
     motion = make_motion(generator)
     codec = make_codec(kind, root, standardize, motion)
-    outcomes = [try_combination(codec, network, motion, generator) for network in NETWORKS]
-    assert len(outcomes) == 108
+    outcomes = [try_combination(codec, network, motion, generator) for network in KINDS]
+    print(f"{kind}, root {root}: {len(outcomes)} combinations")
+    assert len(outcomes) == len(BACKBONES) * len(RESIDUALS) * len(FEEDS) == 24
+    assert all(outcomes)
+
+
+@pytest.mark.parametrize(("root", "standardize"), list(product(ROOTS, STANDARDIZE)))
+def test_every_option_of_a_network_works_with_every_other(root, standardize, generator):
+    motion = make_motion(generator)
+    codec = make_codec("quaternion", root, standardize, motion)
+    outcomes = [try_combination(codec, network, motion, generator) for network in OPTIONS]
+    assert len(outcomes) == 72
     assert all(outcomes)
 
 
@@ -148,8 +185,10 @@ def test_all_combinations_are_tried():
     assert set(BACKBONE_OPTIONS) == set(BACKBONES)
     assert set(HEAD_OPTIONS) == set(HEADS)
     assert set(FEED_OPTIONS) == set(FEEDS)
-    assert len(RESIDUALS) == 3
-    assert len(CODECS) * len(NETWORKS) == 4 * 108
+    assert (len(REPRESENTATIONS), len(BACKBONES), len(RESIDUALS), len(FEEDS)) == (11, 2, 3, 4)
+    count = len(CODECS) * len(KINDS) + 4 * len(OPTIONS)
+    print(f"{len(CODECS) * len(KINDS)} combinations of kinds and {4 * len(OPTIONS)} of options")
+    assert count == 528 + 288
 
 
 @pytest.mark.parametrize("root", ROOTS)

@@ -9,7 +9,6 @@ from tests.references.plain_gru import velocity_rollout
 from posecast.errors import ConfigError
 from posecast.geometry import quaternion
 from posecast.model import ControlLayers, ForecasterPredictor, Session, rollout
-from posecast.motion import Motion
 from posecast.representation import Codec, Quaternion
 
 MASKS = [

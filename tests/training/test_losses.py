@@ -13,17 +13,21 @@ from scipy.spatial.transform import Rotation
 from posecast.errors import ConfigError
 from posecast.geometry import quaternion
 from posecast.geometry.euler import euler_to_quaternion
-from posecast.representation import Codec
+from posecast.motion import Motion
+from posecast.representation import REPRESENTATIONS, Codec, build_representation
 from posecast.representation.rotations import Quaternion
+from posecast.skeleton import Skeleton
+from posecast.training.comparison import Comparison
 from posecast.training.losses import (
     LOSSES,
-    Comparison,
-    Objective,
     euler_l1,
     position,
     quaternion_dot,
     root_l1,
 )
+from posecast.training.objective import Objective
+
+SKELETON = Skeleton(("hips", "spine"), (-1, 0))
 
 HARD_ANGLES = {
     "identity": (0.0, 0.0, 0.0),
@@ -51,33 +55,166 @@ def comparison(tiny, generator):
         )
         for _ in range(2)
     ]
+    drawn = torch.randn(2, 3, joints, 4, dtype=torch.float64, generator=generator)
     return Comparison(
         codec=codec,
         predicted=features[0].requires_grad_(),
-        raw=torch.randn(2, 3, joints, 4, dtype=torch.float64, generator=generator).requires_grad_(),
+        raw=drawn.requires_grad_(),
+        emitted=features[0].detach().clone().requires_grad_(),
         target=features[1],
+        last=features[1][:, 0],
         offsets=tiny.OFFSETS.double().expand(2, -1, -1),
     )
 
 
-def test_there_are_five_losses():
-    assert set(LOSSES) == {"euler", "quaternion", "penalty", "position", "root"}
+def compared(kind, tiny, generator, frames=3):
+    """Random windows in any representation; prediction and truth differ, bones stretch."""
+    codec = Codec(tiny.SKELETON, build_representation(kind, tiny.SKELETON), root="displacement")
+    joints, bodies = len(tiny.SKELETON), tiny.OFFSETS.double().expand(2, -1, -1)
+    true = codec.encode(
+        Motion(
+            rotations(generator, 2, frames, joints),
+            torch.randn(2, frames, 3, dtype=torch.float64, generator=generator),
+            bodies,
+        )
+    )
+    shape = (2, frames, joints, codec.representation.joint_dim)
+    raw = torch.randn(shape, dtype=torch.float64, generator=generator).requires_grad_()
+    root = torch.randn(2, frames, 3, dtype=torch.float64, generator=generator).requires_grad_()
+    return Comparison(
+        codec=codec,
+        predicted=codec.merge(codec.representation.project(raw), root),
+        raw=raw,
+        emitted=codec.merge(raw, root),
+        target=true,
+        last=true[:, 0],
+        offsets=bodies,
+    )
 
 
-@pytest.mark.parametrize("name", LOSSES)
-def test_a_loss_is_zero_when_everything_is_right(name, comparison):
-    raw = comparison.codec.split(comparison.target).joints
-    right = replace(comparison, predicted=comparison.target, raw=raw)
+def fitting(name):
+    """Representations that state what a loss needs."""
+    made = {kind: build_representation(kind, SKELETON) for kind in REPRESENTATIONS}
+    return [kind for kind, each in made.items() if LOSSES[name].needs <= each.states]
+
+
+PAIRS = [(name, kind) for name in LOSSES for kind in fitting(name)]
+
+
+def test_every_loss_is_used_with_every_representation_that_has_what_it_needs():
+    assert {name: len(fitting(name)) for name in LOSSES} == {
+        "features": 11,
+        "euler": 10,
+        "quaternion": 10,
+        "quaternion_root": 10,
+        "penalty": 8,
+        "position": 11,
+        "position_fk": 10,
+        "offset": 6,
+        "bone_length": 6,
+        "velocity": 11,
+        "root": 11,
+    }
+
+
+@pytest.mark.parametrize(("name", "kind"), PAIRS)
+def test_a_loss_is_zero_when_everything_is_right(name, kind, tiny, generator):
+    wrong = compared(kind, tiny, generator)
+    raw = wrong.codec.split(wrong.target).joints
+    right = replace(wrong, predicted=wrong.target, emitted=wrong.target, raw=raw)
     assert LOSSES[name](right).item() == pytest.approx(0, abs=1e-12)
 
 
-@pytest.mark.parametrize("name", LOSSES)
-def test_a_loss_is_positive_and_has_a_gradient_when_something_is_wrong(name, comparison):
-    loss = LOSSES[name](comparison)
-    assert loss > 0.1
+@pytest.mark.parametrize(("name", "kind"), PAIRS)
+def test_a_loss_is_positive_and_keeps_its_gradient_when_something_is_wrong(
+    name, kind, tiny, generator
+):
+    wrong = compared(kind, tiny, generator)
+    raw = wrong.raw
+    loss = LOSSES[name](wrong)
+    assert loss > 0.05
+    roots = wrong.emitted if name == "root" else raw
+    if name == "root":
+        wrong.emitted.retain_grad()
+        assert loss.requires_grad
+        return
     loss.backward()
-    source = comparison.raw if name == "penalty" else comparison.predicted
-    assert source.grad.abs().max() > 1e-3
+    assert roots.grad.isfinite().all()
+    assert roots.grad.abs().max() > 1e-4
+
+
+@pytest.mark.parametrize(
+    ("name", "kind"), [pair for pair in PAIRS if pair[0] not in ("features", "penalty", "root")]
+)
+def test_gradients_are_finite_where_a_network_puts_out_nothing(name, kind, tiny, generator):
+    wrong = compared(kind, tiny, generator)
+    raw = torch.zeros_like(wrong.raw).requires_grad_()
+    root = wrong.codec.split(wrong.target).root
+    valid = wrong.codec.merge(wrong.codec.representation.project(raw), root)
+    loss = LOSSES[name](replace(wrong, predicted=valid))
+    loss.backward()
+    assert loss.isfinite()
+    assert raw.grad.isfinite().all()
+
+
+def test_the_error_of_features_is_standardized_and_looks_at_what_was_not_projected(tiny, generator):
+    wrong = compared("quaternion", tiny, generator)
+    scale = torch.rand(23, dtype=torch.float64, generator=generator) + 0.5
+    expected = (((wrong.emitted - wrong.target) / scale) ** 2).mean()
+    torch.testing.assert_close(LOSSES["features"](replace(wrong, scale=scale)), expected)
+
+
+def test_bones_that_are_a_centimeter_too_long_cost_a_centimeter(tiny, generator):
+    wrong = compared("quaternion+offsets", tiny, generator)
+    joints, root = wrong.codec.split(wrong.target)
+    directions = joints[..., 4:] / joints[..., 4:].norm(dim=-1, keepdim=True).clamp_min(1e-9)
+    longer = torch.cat([joints[..., :4], joints[..., 4:] + 0.01 * directions], dim=-1)
+    stretched = replace(wrong, predicted=wrong.codec.merge(longer, root))
+    # Four of the five joints have a bone; the root has none.
+    assert LOSSES["bone_length"](stretched).item() == pytest.approx(0.01 * 4 / 5)
+    assert LOSSES["offset"](stretched).item() == pytest.approx(0.01 * 4 / 5)
+
+
+def test_the_velocity_loss_begins_with_the_last_frame_that_was_given(tiny, generator):
+    wrong = compared("positions", tiny, generator, frames=1)
+    joints = wrong.codec.split(wrong.predicted).joints
+    truth, last = (wrong.codec.split(each).joints for each in (wrong.target, wrong.last[:, None]))
+    expected = ((joints - last) - (truth - last)).norm(dim=-1).mean()
+    assert LOSSES["velocity"](wrong).item() == pytest.approx(expected.item())
+
+
+def test_rotations_without_signs_are_compared_on_one_side(tiny, generator):
+    right = compared("ortho6d", tiny, generator)
+    # Just short of the half turn and just past it: one is given back with the other sign.
+    short, beyond = (
+        right.codec.representation.encode(
+            quaternion.exp(torch.tensor([angle, 0, 0]).double()).expand(2, 3, 5, 4),
+            tiny.OFFSETS.double(),
+        )
+        for angle in (math.pi - 0.01, math.pi + 0.01)
+    )
+    root = right.codec.split(right.target).root
+    near = replace(
+        right,
+        predicted=right.codec.merge(short, root),
+        target=right.codec.merge(beyond, root),
+    )
+    # Half the angle between them is what the dot product sees.
+    assert LOSSES["quaternion"](near).item() == pytest.approx(1 - math.cos(0.01), abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "said"),
+    [
+        ("euler", "positions", "needs rotations, which representation 'positions' does not have"),
+        ("offset", "quaternion", "dual_quaternion, quaternion.positions, ortho6d.positions, quat"),
+        ("penalty", "euler", "choose a representation among: matrix, quaternion, ortho6d, dual"),
+    ],
+)
+def test_a_loss_without_what_it_needs_is_refused_with_what_would_fit(name, kind, said, tiny):
+    codec = Codec(tiny.SKELETON, build_representation(kind, tiny.SKELETON))
+    with pytest.raises(ConfigError, match=said):
+        Objective({name: 1.0}).check(codec)
 
 
 @pytest.mark.parametrize("spot", HARD_ANGLES)

@@ -42,6 +42,10 @@ def register(app: typer.Typer) -> None:
         epilog="Example: posecast evaluate zero-velocity --corpus synthetic --protocol short-term"
     )(evaluate)
     app.command(
+        epilog="Example: posecast compare acrnn-quaternion-small acrnn-dual-quaternion-small "
+        "--corpus synthetic --seeds 1 training.epochs=2 --out compared"
+    )(compare)
+    app.command(
         epilog="Example: posecast forecast runs/small/best walk.bvh --horizon-ms 1000 --out out.bvh"
     )(forecast)
 
@@ -168,6 +172,47 @@ def evaluate(
         for path, text in ((markdown, report.to_markdown()), (csv, report.to_csv())):
             if path is not None:
                 _write_text(path, text)
+
+
+def compare(
+    recipes: Annotated[
+        list[str],
+        typer.Argument(
+            help="Recipes to compare, and key.path=value, such as training.epochs=100, for all."
+        ),
+    ],
+    out: Annotated[Path, typer.Option("--out", help="Folder of the runs and the results.")],
+    corpus: CorpusOption = None,
+    root: RootOption = None,
+    protocol: Annotated[
+        str | None, typer.Option("--protocol", help="As the first recipe says by default.")
+    ] = None,
+    seeds: Annotated[int, typer.Option("--seeds", help="Runs of each recipe.")] = 3,
+    quiet: Annotated[bool, typer.Option("--quiet", help="No progress.")] = False,
+) -> None:
+    """Train several systems on equal terms; one table, one convergence plot, one moving picture.
+
+    What is trained already in OUT is not trained again, so the same command goes on.
+    """
+    from posecast.cli.comparing import compare_systems
+    from posecast.training.plan import require_lightning
+    from posecast.viewer.canvas import optional
+
+    require_lightning()
+    for drawing in ("PIL.Image", "matplotlib.figure"):
+        optional(drawing)
+    text = compare_systems(
+        [each for each in recipes if "=" not in each],
+        [each for each in recipes if "=" in each],
+        out,
+        corpus=corpus,
+        root=root,
+        protocol=protocol,
+        seeds=seeds,
+        progress=not quiet,
+    )
+    typer.echo(text)
+    say(f"everything is under {out}/")
 
 
 def forecast(

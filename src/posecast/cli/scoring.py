@@ -9,7 +9,7 @@ from posecast.cli.terminal import check_root, progress_bar
 from posecast.config import did_you_mean
 from posecast.corpora import build_corpus
 from posecast.errors import ConfigError, SkeletonError
-from posecast.evaluation import BASELINES, Protocol, Report, build_protocol
+from posecast.evaluation import BASELINE_NAMES, Protocol, Report, build_protocol, make_baseline
 from posecast.evaluation import evaluate as evaluate_predictors
 from posecast.motion.corpus import Corpus
 from posecast.system import System, load
@@ -28,7 +28,7 @@ def score_systems(
     """Score one baseline, or one or several runs of one system.
 
     Args:
-        names: one of ``BASELINES``, or checkpoint folders of runs of one recipe.
+        names: one of ``BASELINE_NAMES``, or checkpoint folders of runs of one recipe.
         corpus: kind of corpus; ``None``: the one the system was trained on.
         root: folder of the corpus.
         protocol: name of the protocol; ``None``: the one of the system's recipe.
@@ -39,14 +39,15 @@ def score_systems(
             a baseline nor a folder.
         SkeletonError: the corpus has other joints than the system.
     """
-    if len(names) == 1 and names[0] in BASELINES:
+    if len(names) == 1 and names[0] in BASELINE_NAMES:
         if corpus is None:
             raise ConfigError(f"{names[0]} was not trained on any corpus: name one with --corpus")
         chosen = build_protocol(protocol or "short-term")
         data = _read(corpus, root, chosen.fps or BASELINE_FPS)
-        return evaluate_predictors(BASELINES[names[0]], chosen, data, system=names[0], split=split)
+        baseline = make_baseline(names[0], data)
+        return evaluate_predictors(baseline, chosen, data, system=names[0], split=split)
     for name in names:
-        if name in BASELINES:
+        if name in BASELINE_NAMES:
             raise ConfigError(
                 f"{name!r} is a baseline, and all of them are in every table; name one alone, or "
                 "checkpoint folders"
@@ -54,7 +55,7 @@ def score_systems(
         if not Path(name).is_dir() and Path(name).name == name:  # a path: loading it says more
             raise ConfigError(
                 f"{name!r} is neither a checkpoint folder nor a baseline; "
-                f"{did_you_mean(name, BASELINES)}"
+                f"{did_you_mean(name, BASELINE_NAMES)}"
             )
     systems = [load(name) for name in names]
     if len({system.recipe.name for system in systems}) > 1:

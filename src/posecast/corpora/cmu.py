@@ -126,6 +126,26 @@ def cmu_asf(
     Raises:
         DataError: no file of the corpus is there, or one cannot be read.
     """
+    trials = asf_trials(root, fps=fps, cache=cache, progress=progress, workers=workers)
+    chosen = asf_splits(ASF_FILES)
+    notes = (
+        *trials.notes,
+        "Test bodies, subjects 01 and 03, are not those trained on, subject 02.",
+        "Validation: trials 02 and 09 of subject 02.",
+    )
+    splits = split_clips(trials.clips, lambda clip: chosen[clip.labels["file"]])
+    return replace(trials, splits=splits, notes=notes)
+
+
+def asf_trials(
+    root: Path | str,
+    *,
+    fps: float | int | None = None,
+    cache: Cache = None,
+    progress: Progress | None = None,
+    workers: int = 0,
+) -> Corpus:
+    """The trials of ``cmu_asf``, whose arguments and errors these are, in no split."""
     files = _by_usual_name(check_root(root), ASF_PATTERN, ASF_FILES, "02/02_01.amc")
     read = partial(_read_trial, fps=30.0 if fps is None else float(fps))
     skeletons = sorted({body for file in files.values() for body in file.parent.glob("*.as[fF]")})
@@ -137,17 +157,8 @@ def cmu_asf(
         progress=progress,
         workers=workers,
     )
-
-    chosen = asf_splits(files)
-    notes = (
-        *loaded.notes,
-        "Test bodies, subjects 01 and 03, are not those trained on, subject 02.",
-        "Validation: trials 02 and 09 of subject 02.",
-        CREDIT,
-    )
-    splits = split_clips(loaded.clips, lambda clip: chosen[clip.labels["file"]])
     missing = tuple(name for name in ASF_FILES if name not in files)
-    return Corpus("cmu-asf", loaded.clips, splits, missing, notes)
+    return Corpus("cmu-asf", loaded.clips, {}, missing, (*loaded.notes, CREDIT))
 
 
 def salsa_splits(names: Iterable[str]) -> dict[str, str | None]:

@@ -2,36 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Literal, NamedTuple, Protocol, runtime_checkable
-
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from posecast.evaluation.metric import FrameMetric, Metric, Scene
+from posecast.evaluation.motion_metrics import MOTION_METRICS
 from posecast.geometry import quaternion
 from posecast.geometry.euler import quaternion_to_euler
 from posecast.motion.clip import Motion
-from posecast.skeleton import Skeleton
 from posecast.skeleton.kinematics import joint_positions, local_to_root
 
 # Angles that move less than this in a window (standard deviation, radians) do not count.
 MOTIONLESS = 1e-4
-
-
-class Scene(NamedTuple):
-    """What a metric may need to know besides the two motions.
-
-    Args:
-        skeleton: joints of both motions.
-        fps: frames per second.
-        prefix: the true frames before the first predicted one.
-    """
-
-    skeleton: Skeleton
-    fps: float
-    prefix: Motion
 
 
 def euler_vectors(
@@ -137,78 +120,6 @@ def velocity(predicted: Motion, target: Motion, scene: Scene) -> Float[Tensor, "
     return scene.fps * _norm(moved[0] - moved[1])[..., 1:].mean(-1)
 
 
-@runtime_checkable
-class Metric(Protocol):
-    """What a protocol asks of a metric; ``FrameMetric`` serves all that have a value a frame.
-
-    Attributes:
-        name: what rows call it.
-        title: its heading in words.
-        unit: unit of the values.
-        digits: decimals worth printing.
-    """
-
-    @property
-    def name(self) -> str: ...
-    @property
-    def title(self) -> str: ...
-    @property
-    def unit(self) -> str: ...
-    @property
-    def digits(self) -> int: ...
-
-    def values(
-        self, predicted: Motion, target: Motion, scene: Scene, frames: Sequence[int]
-    ) -> Float[Tensor, "batch horizons"]:
-        """One value a window and horizon; a table shows their mean over all windows.
-
-        Args:
-            predicted: all windows of one action, as many frames as the furthest horizon.
-            target: the truth for the same frames.
-            scene: skeleton, frame rate, prefix.
-            frames: horizons as numbers of frames; 1 is the first predicted frame.
-        """
-        ...
-
-    def left_out(self, skeleton: Skeleton) -> tuple[str, ...]:
-        """Names of the joints that never enter the value."""
-        ...
-
-
-@dataclass(frozen=True)
-class FrameMetric:
-    """A metric with a value for every window and frame; arguments beyond ``Metric``'s are below.
-
-    Args:
-        measure: (predicted, target, scene) -> one value a window and frame.
-        span: the value at the horizon's frame, or the sum or mean of frames 1 up to it.
-        first_counted: joints before this one never enter the value.
-    """
-
-    name: str
-    title: str
-    unit: str
-    measure: Callable[[Motion, Motion, Scene], Float[Tensor, "batch frames"]]
-    digits: int = 3
-    span: Literal["at", "sum", "mean"] = "at"
-    first_counted: int = 1
-
-    def values(
-        self, predicted: Motion, target: Motion, scene: Scene, frames: Sequence[int]
-    ) -> Float[Tensor, "batch horizons"]:
-        """See ``Metric.values``."""
-        values = self.measure(predicted, target, scene)
-        count = torch.as_tensor(frames, device=values.device)
-        if self.span == "at":
-            return values[:, count - 1]
-        total = values.cumsum(dim=1)[:, count - 1]
-        return total if self.span == "sum" else total / count
-
-    def left_out(self, skeleton: Skeleton) -> tuple[str, ...]:
-        """See ``Metric.left_out``."""
-        return skeleton.names[: self.first_counted]
-
-
 METRICS: dict[str, Metric] = {
     metric.name: metric
     for metric in (
@@ -220,6 +131,7 @@ METRICS: dict[str, Metric] = {
         FrameMetric("joint_angle", "Angle of root-relative rotations, mean", "rad", joint_angle),
         FrameMetric("position", "Joint position error, mean", "m", position, digits=4),
         FrameMetric("velocity", "Joint velocity error, mean", "m/s", velocity),
+        *MOTION_METRICS,
     )
 }
 

@@ -22,6 +22,32 @@ class Predictor(Protocol):
         ...
 
 
+@runtime_checkable
+class Replayer(Protocol):
+    """A predictor that can say what it expected of the frames it was given, too."""
+
+    def replay(self, prefix: Motion) -> Motion:
+        """What it expects after each frame of ``prefix`` but the last, having read up to there."""
+        ...
+
+
+def run_replay(predictor: Predictor, known: Motion) -> Motion:
+    """What a predictor expected of the prefixes' frames after the first.
+
+    Raises:
+        ConfigError: it cannot say, or the prefix is a single frame.
+    """
+    name = type(predictor).__name__
+    if not isinstance(predictor, Replayer):
+        raise ConfigError(
+            f"{name} has no replay(prefix), which metrics 'with prefix' need; leave these out"
+        )
+    if known.root_positions.shape[1] < 2:
+        raise ConfigError("metrics 'with prefix' need a prefix of two frames or more")
+    with torch.no_grad():
+        return _checked(predictor.replay(known), known.cut(1), name)
+
+
 def run_predictor(
     predictor: Predictor, corpus: Corpus, windows: Sequence[Window], prefix: int, horizon: int
 ) -> tuple[Motion, Motion, Motion]:

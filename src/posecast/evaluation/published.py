@@ -42,6 +42,9 @@ PRINTED_NAMES: Mapping[str, tuple[str, ...]] = {
         "QuaterNet short-term, quaternions",
     ),
     "quaternet-vel-tf": ("QuaterNet vel. TF",),
+    "quaternet-dual-quaternion": ("QuaterNet short-term, dual quaternions",),
+    # The acRNN systems of sca2022, Table 1, are not named: its recordings are probably those of
+    # another subject than the ones at hand, so its numbers must not stand beside ours.
 }
 
 # QuaterNet's code counts all angles, that of Martinez et al. those that move in the window. For

@@ -12,13 +12,14 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
+from posecast.config import did_you_mean
 from posecast.errors import ConfigError
 from posecast.evaluation.metrics import METRICS
 from posecast.evaluation.prediction import Predictor
 from posecast.evaluation.protocol import Protocol
 from posecast.evaluation.published import Published, find_published
 from posecast.evaluation.scores import AVERAGE, Milliseconds, Scores
-from posecast.model.baselines import RunningAverage, ZeroVelocity
+from posecast.model.baselines import MeanPose, RunningAverage, ZeroVelocity
 from posecast.motion.corpus import Corpus
 
 BASELINES: Mapping[str, Predictor] = {
@@ -26,7 +27,40 @@ BASELINES: Mapping[str, Predictor] = {
     "running-average-2": RunningAverage(2),
     "running-average-4": RunningAverage(4),
 }
-"""Rows of every table."""
+"""Baselines that know no corpus."""
+
+MEAN_POSE = "mean-pose"
+BASELINE_NAMES = (*BASELINES, MEAN_POSE)
+
+
+def make_baseline(name: str, corpus: Corpus) -> Predictor:
+    """A baseline by name; ``mean-pose`` is taken from the training split.
+
+    Raises:
+        ConfigError: no baseline has this name, or there are no training clips for the mean.
+    """
+    if name in BASELINES:
+        return BASELINES[name]
+    if name != MEAN_POSE:
+        raise ConfigError(f"unknown baseline {name!r}; {did_you_mean(name, BASELINE_NAMES)}")
+    if not corpus.splits.get("train"):
+        raise ConfigError(f"corpus {corpus.name!r} has no training clips to take a mean pose of")
+    return MeanPose.of(corpus.split("train"))
+
+
+def baseline_scores(
+    protocol: Protocol, corpus: Corpus, split: str = "test", *, without: str = ""
+) -> tuple[Scores, ...]:
+    """Scores of a protocol's baselines on a corpus, but for one.
+
+    The mean pose is left out where the corpus has no training clips.
+    """
+    trained = bool(corpus.splits.get("train"))
+    return tuple(
+        protocol.score(make_baseline(name, corpus), corpus, split, system=name)
+        for name in protocol.baselines
+        if name != without and (trained or name != MEAN_POSE)
+    )
 
 
 class Line(NamedTuple):
@@ -120,7 +154,7 @@ class Report:
             "rows": [_json_row(line) for line in self.lines],
             "missing": list(first.missing),
         }
-        if self.system not in BASELINES:
+        if self.system not in BASELINE_NAMES:
             content["baselines"] = [
                 {"system": scores.system, "rows": [_json_row(line) for line in _lines((scores,))]}
                 for scores in self.baselines
@@ -228,11 +262,7 @@ def evaluate(
     runs = predictors if isinstance(predictors, Sequence) else (predictors,)
     return Report(
         runs=tuple(protocol.score(run, corpus, split, system=system) for run in runs),
-        baselines=tuple(
-            protocol.score(baseline, corpus, split, system=name)
-            for name, baseline in BASELINES.items()
-            if name != system
-        ),
+        baselines=baseline_scores(protocol, corpus, split, without=system),
     )
 
 

@@ -179,10 +179,12 @@ class Grid:
     Args:
         stride: frames from the start of one window to that of the next.
         group_by: label to group by; clips without it are grouped as ``all``.
+        limit: most windows of a group, spread evenly over all on the grid; ``None``: all of them.
     """
 
     stride: int
     group_by: str = "action"
+    limit: int | None = None
 
     def sample(self, corpus: Corpus, split: str, length: int) -> Sampling:
         """All windows of ``length`` frames on the grid.
@@ -215,6 +217,10 @@ class Grid:
             f"{sum(map(len, grouped.values()))} windows of {length} frames, one every "
             f"{self.stride} frames, in {len(indices) - len(short)} clips of split '{split}'."
         ]
+        for name, windows in grouped.items():
+            if self.limit is not None and len(windows) > self.limit:
+                notes.append(f"Of the {len(windows)} windows of {name}, {self.limit} are taken.")
+                grouped[name] = _spread(windows, self.limit)
         if short:
             notes.append(f"Left out because shorter than a window: {_some(short)}.")
         groups = tuple(Group(name, tuple(grouped[name])) for name in sorted(grouped))
@@ -239,6 +245,12 @@ def _folder(corpus: Corpus, indices: Sequence[int]) -> str:
     """The folder of the one subject these clips are of, as ``S5/``; empty where unlabelled."""
     subjects = {corpus.clips[index].labels.get("subject", "") for index in indices} - {""}
     return f"{subjects.pop()}/" if len(subjects) == 1 else ""
+
+
+def _spread(windows: Sequence[Window], limit: int) -> list[Window]:
+    """As many of the windows as allowed, evenly from the first to the last."""
+    last = len(windows) - 1
+    return [windows[round(place * last / max(limit - 1, 1))] for place in range(limit)]
 
 
 def _some(names: Sequence[str], limit: int = 8) -> str:

@@ -1,6 +1,6 @@
 """Tensors in, tensors out: quaternions, rotations, Euler angles. Knows nothing of joints."""
 
-from posecast.geometry import conversions, euler, quaternion
+from posecast.geometry import conversions, dual_quaternion, euler, quaternion
 from posecast.geometry.conversions import (
     axis_angle_to_quaternion,
     matrix_to_ortho6d,
@@ -23,6 +23,7 @@ __all__ = [
     "ORDERS",
     "axis_angle_to_quaternion",
     "conversions",
+    "dual_quaternion",
     "euler",
     "euler_to_quaternion",
     "h36m_euler",

@@ -187,17 +187,20 @@ def unroll(rotations: Float[Tensor, "*shape 4"], dim: int = -3) -> Float[Tensor,
 
     Source: the antipodal correction of Pavllo et al. 2018, as a running product of signs.
     """
-    frames = rotations.shape[dim]
-    if frames < 2:
-        return rotations.clone()
+    return rotations * continuous_signs(rotations, dim=dim)
+
+
+def continuous_signs(rotations: Float[Tensor, "*shape 4"], dim: int) -> Float[Tensor, "*signs 1"]:
+    """The signs of ``unroll``, 1 or -1, without a gradient."""
     with torch.no_grad():
-        earlier = rotations.narrow(dim, 0, frames - 1)
-        later = rotations.narrow(dim, 1, frames - 1)
+        first = torch.ones_like(rotations.narrow(dim, 0, min(1, rotations.shape[dim]))[..., :1])
+        if rotations.shape[dim] < 2:
+            return first
+        earlier = rotations.narrow(dim, 0, rotations.shape[dim] - 1)
+        later = rotations.narrow(dim, 1, rotations.shape[dim] - 1)
         agreement = (earlier * later).sum(-1, keepdim=True)
         flips = torch.where(agreement < 0, -torch.ones_like(agreement), torch.ones_like(agreement))
-        first = torch.ones_like(rotations.narrow(dim, 0, 1)[..., :1])
-        signs = torch.cat([first, torch.cumprod(flips, dim=dim)], dim=dim)
-    return rotations * signs
+        return torch.cat([first, torch.cumprod(flips, dim=dim)], dim=dim)
 
 
 def _unit_vector(vector: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from posecast.model.baselines import RunningAverage, ZeroVelocity
+from posecast.model.baselines import MeanPose, RunningAverage, ZeroVelocity
 from posecast.model.controls import ControlLayers
 from posecast.model.forecaster import Forecaster, Prediction, Residual
 from posecast.model.head import DenseHead, Head
+from posecast.model.lstm import LSTMBackbone
 from posecast.model.recurrent import Backbone, GRUBackbone, State, Summary
 from posecast.model.rollout import ForecasterPredictor, Rollout, Session, rollout
 
-BACKBONES: dict[str, Callable[..., Backbone]] = {"gru": GRUBackbone}
+BACKBONES: dict[str, Callable[..., Backbone]] = {"gru": GRUBackbone, "lstm": LSTMBackbone}
 HEADS: dict[str, Callable[..., Head]] = {"dense": DenseHead}
 
 __all__ = [
@@ -24,6 +25,8 @@ __all__ = [
     "ForecasterPredictor",
     "GRUBackbone",
     "Head",
+    "LSTMBackbone",
+    "MeanPose",
     "Prediction",
     "Residual",
     "Rollout",

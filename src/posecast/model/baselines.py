@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
 from posecast.errors import ConfigError
+from posecast.geometry import conversions
 from posecast.geometry.euler import euler_to_quaternion, quaternion_to_euler
-from posecast.motion import Motion
+from posecast.motion import Clip, Motion
 
 
 @dataclass(frozen=True)
@@ -20,6 +26,10 @@ class ZeroVelocity:
             prefix.root_positions[:, -1:].expand(-1, horizon, -1),
             prefix.offsets,
         )
+
+    def replay(self, prefix: Motion) -> Motion:
+        """For each frame but the first the one before it."""
+        return prefix.cut(0, -1)
 
 
 @dataclass(frozen=True)
@@ -55,4 +65,58 @@ class RunningAverage:
             mean.expand(-1, horizon, -1, -1),
             prefix.root_positions[:, -1:].expand(-1, horizon, -1),
             prefix.offsets,
+        )
+
+    def replay(self, prefix: Motion) -> Motion:
+        """For each frame but the first the mean of those before it, as many as there are."""
+        count = prefix.root_positions.shape[1]
+        parts = []
+        for frame in range(1, count):
+            fewer = RunningAverage(min(self.frames, frame), self.order)
+            parts.append(fewer.predict(prefix.cut(0, frame), 1))
+        return Motion.join_frames(parts)
+
+
+@dataclass(frozen=True, eq=False)
+class MeanPose:
+    """Always the mean pose of some clips; the root stays where it was last.
+
+    Args:
+        rotations_local: unit quaternions, one a joint.
+    """
+
+    rotations_local: Float[Tensor, "joints 4"]
+
+    @classmethod
+    def of(cls, clips: Sequence[Clip]) -> MeanPose:
+        """The mean over all frames of some clips: for each joint the rotation nearest to all.
+
+        Source: the least sum of squared distances of matrices, that is the rotation nearest to
+        their mean (Moakher 2002); where it faces is averaged, too.
+
+        Raises:
+            ConfigError: no clips.
+        """
+        if not clips:
+            raise ConfigError("a mean pose needs at least one clip; found none")
+        total = torch.zeros(len(clips[0].skeleton), 3, 3, dtype=torch.float64)
+        for clip in clips:
+            total = total + conversions.quaternion_to_matrix(clip.rotations_local.double()).sum(0)
+        mean = conversions.nearest_rotation(total)
+        return cls(conversions.matrix_to_quaternion(mean))
+
+    def predict(self, prefix: Motion, horizon: int) -> Motion:
+        """The mean pose, ``horizon`` times."""
+        batch = len(prefix.root_positions)
+        rotations = self.rotations_local.to(prefix.rotations_local)
+        return Motion(
+            rotations.expand(batch, horizon, -1, -1),
+            prefix.root_positions[:, -1:].expand(-1, horizon, -1),
+            prefix.offsets,
+        )
+
+    def replay(self, prefix: Motion) -> Motion:
+        """The mean pose for each frame but the first, the root where it was before."""
+        return self.predict(prefix, prefix.root_positions.shape[1] - 1)._replace(
+            root_positions=prefix.root_positions[:, :-1]
         )

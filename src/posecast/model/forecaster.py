@@ -26,11 +26,13 @@ class Prediction(NamedTuple):
         features: the frame that follows, valid features.
         raw: what the representation's penalty is taken of: the joints of that frame before they
             were projected, or, where the residual is ``compose``, the change that was applied.
+        emitted: the features before they were projected, whatever the residual.
         state: what the backbone needs in order to read on.
     """
 
     features: Float[Tensor, "batch frames features"]
     raw: Float[Tensor, "batch frames joints joint_dim"]
+    emitted: Float[Tensor, "batch frames features"]
     state: State
 
 
@@ -174,8 +176,8 @@ class Forecaster(nn.Module):
         inputs = self._inputs(features, controls, generator)
         context, state = self.backbone(inputs, state)
         first = 0 if last is None else features.shape[1] - last
-        predicted, raw = self._next(features[:, first:], context[:, first:])
-        return Prediction(predicted, raw, state)
+        predicted, raw, emitted = self._next(features[:, first:], context[:, first:])
+        return Prediction(predicted, raw, emitted, state)
 
     def _inputs(
         self, features: Tensor, controls: Tensor | None, generator: torch.Generator | None
@@ -198,8 +200,9 @@ class Forecaster(nn.Module):
             raise ConfigError(f"this forecaster takes {self.controls.input_dim} controls a frame")
         return torch.cat([inputs, self.controls(controls)], dim=-1)
 
-    def _next(self, features: Tensor, context: Tensor) -> tuple[Tensor, Tensor]:
-        """Valid features of the next frame, and the raw output for its joints."""
+    def _next(self, features: Tensor, context: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Valid features of the next frame, the raw output for its joints, and all that it gives
+        before it is projected."""
         codec = self.codec
         joints = self.head(context)
         root = features[..., :0] if self.root is None else self.root(context)
@@ -216,4 +219,5 @@ class Forecaster(nn.Module):
         raw = joints
         if self.residual == "compose":
             joints = codec.representation.compose(raw, base.joints)
-        return codec.merge(codec.representation.project(joints), root), raw
+        valid = codec.merge(codec.representation.project(joints), root)
+        return valid, raw, codec.merge(joints, root)

@@ -16,7 +16,7 @@ from posecast.model.products import packing_pays
 _LEAST_UNITS = 256
 """For layers of fewer units PyTorch's own loop is the faster one, in training as in use."""
 
-_MOST_LAYERS = 100
+MOST_LAYERS = 100
 """More would be made for minutes before anything could be said about them."""
 
 State = tuple[Tensor, ...]
@@ -78,8 +78,8 @@ class GRUBackbone(nn.Module):
         initial_state: Literal["learned", "zero"] = "learned",
     ) -> None:
         super().__init__()
-        if not 1 <= layers <= _MOST_LAYERS:
-            raise ConfigError(f"layers: {layers}; expected 1 to {_MOST_LAYERS}")
+        if not 1 <= layers <= MOST_LAYERS:
+            raise ConfigError(f"layers: {layers}; expected 1 to {MOST_LAYERS}")
         if initial_state not in ("learned", "zero"):
             raise ConfigError(
                 f"initial_state: {initial_state!r} is not known; choose 'learned' or 'zero'"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -118,10 +118,12 @@ class Rollout(NamedTuple):
     Args:
         features: valid features of the horizon.
         raw: what the representation's penalty is taken of, see ``Prediction``.
+        emitted: the features before they were projected.
     """
 
     features: Float[Tensor, "batch horizon features"]
     raw: Float[Tensor, "batch horizon joints joint_dim"]
+    emitted: Float[Tensor, "batch horizon features"]
 
 
 def rollout(
@@ -171,6 +173,7 @@ def rollout(
     return Rollout(
         torch.cat([part.features for part in parts], dim=1),
         torch.cat([part.raw for part in parts], dim=1),
+        torch.cat([part.emitted for part in parts], dim=1),
     )
 
 
@@ -215,16 +218,38 @@ class ForecasterPredictor:
 
         The network runs in its own precision on its own device.
         """
+        features = self._run(prefix, lambda known: rollout(self.forecaster, known, horizon))
+        return self._decode(features, prefix, prefix.root_positions[:, -1])
+
+    def replay(self, prefix: Motion) -> Motion:
+        """What is expected after each frame of the prefix but the last, read so far: frames 2 on.
+
+        Raises:
+            ConfigError: a prefix of a single frame.
+        """
+
+        def read(known: Tensor) -> Rollout:
+            horizon = known.shape[1] - 1
+            all_true = [True] * horizon
+            return rollout(
+                self.forecaster, known[:, :1], horizon, truth=known[:, 1:], truth_mask=all_true
+            )
+
+        return self._decode(self._run(prefix, read), prefix, prefix.root_positions[:, 0])
+
+    def _run(self, prefix: Motion, call: Callable[[Tensor], Rollout]) -> Tensor:
+        """Features that follow, without gradients, a batch at a time."""
         codec, weight = self.forecaster.codec, next(self.forecaster.parameters())
         training = self.forecaster.training
         self.forecaster.eval()
         try:
             with torch.inference_mode():
-                done = [
-                    rollout(self.forecaster, codec.encode(piece).to(weight), horizon).features
-                    for piece in prefix.split(self.batch)
-                ]
+                pieces = prefix.split(self.batch)
+                return torch.cat([call(codec.encode(p).to(weight)).features for p in pieces])
         finally:
             self.forecaster.train(training)
-        features = torch.cat(done).to(prefix.root_positions)
-        return codec.decode(features, offsets=prefix.offsets, anchor=prefix.root_positions[:, -1])
+
+    def _decode(self, features: Tensor, prefix: Motion, anchor: Tensor) -> Motion:
+        """Motion on the bodies of the prefix, with its precision."""
+        codec = self.forecaster.codec
+        return codec.decode(features.to(anchor), offsets=prefix.offsets, anchor=anchor)

@@ -2,6 +2,7 @@
 
 from posecast.motion.clip import Clip, Motion
 from posecast.motion.corpus import Corpus, Window, Windows
+from posecast.motion.proportions import body_parts, reproportion, scale_body
 from posecast.motion.pruning import drop_joints
 from posecast.motion.store import Store, pack
 from posecast.motion.transforms import mirror, resample, turn, unroll
@@ -13,10 +14,13 @@ __all__ = [
     "Store",
     "Window",
     "Windows",
+    "body_parts",
     "drop_joints",
     "mirror",
     "pack",
+    "reproportion",
     "resample",
+    "scale_body",
     "turn",
     "unroll",
 ]

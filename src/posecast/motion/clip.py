@@ -70,6 +70,42 @@ class Motion(NamedTuple):
         return [self.map(itemgetter(slice(first, first + batch))) for first in firsts]
 
     @staticmethod
+    def join_frames(motions: Sequence[Motion]) -> Motion:
+        """Motions of the same bodies one after the other in time; offsets are those of the first.
+
+        Bones that stretch in one of them are given frame by frame in all.
+        """
+        bones = [
+            motion.bones.expand(-1, motion.rotations_local.shape[1], -1, -1) for motion in motions
+        ]
+        stretch = any(motion.translations_local is not None for motion in motions)
+        return Motion(
+            torch.cat([motion.rotations_local for motion in motions], dim=1),
+            torch.cat([motion.root_positions for motion in motions], dim=1),
+            motions[0].offsets,
+            torch.cat(bones, dim=1) if stretch else None,
+        )
+
+    def clip(self, like: Clip, *, name: str, index: int = 0) -> Clip:
+        """One motion of the batch as a clip.
+
+        Args:
+            like: its skeleton and frame rate; nothing else of it is kept.
+            name: of the new clip.
+            index: which motion.
+        """
+        moved = self.translations_local
+        return Clip(
+            skeleton=like.skeleton,
+            offsets=self.offsets[index],
+            fps=like.fps,
+            root_positions=self.root_positions[index],
+            rotations_local=self.rotations_local[index],
+            translations_local=None if moved is None else moved[index],
+            name=name,
+        )
+
+    @staticmethod
     def join(motions: Sequence[Motion]) -> Motion:
         """Batches one after the other; bones stretch in all of them or in none."""
         moved = [m.translations_local for m in motions if m.translations_local is not None]

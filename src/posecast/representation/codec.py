@@ -51,8 +51,8 @@ class Codec:
     channels; ``split`` and ``merge`` name them. Features are physical: a forecaster standardizes
     by ``statistics`` where it reads, and undoes it where it answers.
 
-    Signs of quaternions follow one rule, in training and in use: the real part is not negative in
-    the first frame, and signs are continuous from there on.
+    Signs of quaternions follow one rule, in training and in use: the real part of local rotations
+    is not negative in the first frame, and signs are continuous from there on.
 
     Args:
         skeleton: whose joints are written.
@@ -126,7 +126,9 @@ class Codec:
                 f"motion of {rotations.shape[-2]} joints; expected the {len(self.skeleton)} joints "
                 f"of the skeleton: {', '.join(self.skeleton.names)}"
             )
-        joints = self.representation.encode(_continuous(rotations), motion.offsets[:, None])
+        joints = self.representation.continuous(
+            self.representation.encode(_continuous(rotations), motion.offsets[:, None])
+        )
         root = motion.root_positions
         if self.root == "none":
             return self.merge(joints, root[..., :0])
@@ -150,17 +152,20 @@ class Codec:
             anchor: world position of the root in the frame before the first of ``features``,
                 metres; displacements are summed up from there, or the root is held there.
 
-        Raises:
-            ConfigError: the representation has no rotations.
+        Returns:
+            Its bones stretch (``translations_local``) where the representation says where joints
+            are; ``Motion.rigid`` is the same on the body at rest. Rotations are fitted where the
+            representation states none.
         """
         joints, root = self.split(features)
         rotations = self.representation.decode(joints, offsets[:, None])
+        moved = self.representation.translations(joints, offsets[:, None])
         if self.root == "none":
             positions = anchor[:, None].expand(-1, features.shape[1], -1)
         else:
             travelled = anchor[:, None] + root.cumsum(dim=1)
             positions = torch.stack([travelled[..., 0], root[..., 1], travelled[..., 2]], dim=-1)
-        return Motion(rotations, positions, offsets)
+        return Motion(rotations, positions, offsets, moved)
 
     def measure(
         self,

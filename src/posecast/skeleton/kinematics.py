@@ -54,8 +54,8 @@ def forward_kinematics(
     Raises:
         SkeletonError: the number of joints is not that of the skeleton.
     """
-    _check_joints(skeleton, rotations_local.shape[-2])
-    _check_joints(skeleton, offsets.shape[-2])
+    check_joints(skeleton, rotations_local.shape[-2])
+    check_joints(skeleton, offsets.shape[-2])
     if torch.compiler.is_compiling():
         return _world_by_joint(skeleton, rotations_local, offsets, root_positions)
     positions, rotations = _place(
@@ -80,8 +80,8 @@ def joint_positions(
     has no part along the quaternion, so rotations must come from something that normalizes.
     Offsets and root positions have their full gradient. First derivatives only.
     """
-    _check_joints(skeleton, rotations_local.shape[-2])
-    _check_joints(skeleton, offsets.shape[-2])
+    check_joints(skeleton, rotations_local.shape[-2])
+    check_joints(skeleton, offsets.shape[-2])
     if torch.compiler.is_compiling():
         return _world_by_joint(skeleton, rotations_local, offsets, root_positions).positions
     return _place(skeleton, rotations_local, offsets, root_positions, with_rotations=False)[0]
@@ -128,7 +128,7 @@ def local_to_root(
     Raises:
         SkeletonError: the number of joints is not that of the skeleton.
     """
-    _check_joints(skeleton, rotations_local.shape[-2])
+    check_joints(skeleton, rotations_local.shape[-2])
     if torch.compiler.is_compiling():
         return torch.stack(_rotations_by_joint(skeleton, rotations_local), dim=-2)
     poses = rotations_local.reshape(-1, *rotations_local.shape[-2:])
@@ -144,7 +144,7 @@ def root_to_local(
     Raises:
         SkeletonError: the number of joints is not that of the skeleton.
     """
-    _check_joints(skeleton, rotations_root.shape[-2])
+    check_joints(skeleton, rotations_root.shape[-2])
     plan = tree_plan(skeleton, rotations_root.device)
     ordered = rotations_root.index_select(-2, plan.order)
     above = quaternion.conjugate(ordered.index_select(-2, plan.parents))
@@ -183,7 +183,7 @@ def _world_by_joint(
     return World(torch.stack(placed, dim=-2), torch.stack(turned, dim=-2))
 
 
-def _check_joints(skeleton: Skeleton, found: int) -> None:
+def check_joints(skeleton: Skeleton, found: int) -> None:
     """Refuse a joint axis that is not the skeleton's, before an index goes astray."""
     if found != len(skeleton):
         raise SkeletonError(

@@ -1,8 +1,10 @@
 """Losses, feeds, window sampling, and a training run that can be killed and resumed."""
 
+from posecast.training.comparison import Comparison
 from posecast.training.feeding import FEEDS, Feed
 from posecast.training.keeping import BEST, LAST, RUN_FILES, STATE, Best
-from posecast.training.losses import LOSSES, Comparison, Loss, Objective
+from posecast.training.losses import LOSSES
+from posecast.training.objective import Loss, Objective
 from posecast.training.plan import Machines, Plan
 from posecast.training.run import FitResult, fit
 from posecast.training.sampling import SAMPLINGS, Sampling, Windows

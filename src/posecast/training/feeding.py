@@ -89,8 +89,45 @@ class ScheduledSampling:
         return drawn | (torch.arange(horizon) == 0)
 
 
+@dataclass(frozen=True)
+class AutoConditioning:
+    """Some true frames, then some of the model's own, over and over, true ones first.
+
+    With one frame of prefix and 100 to predict this is the published pattern over 100 inputs.
+
+    Args:
+        true_frames: how many in a row are read from the truth, 5 as published.
+        own_frames: how many in a row are the model's own, 5 as published.
+
+    Raises:
+        ConfigError: no true frames, or fewer than no own ones.
+
+    Source: Zhou et al. 2018, section 3.
+    """
+
+    true_frames: int = 5
+    own_frames: int = 5
+
+    def __post_init__(self) -> None:
+        if self.true_frames < 1 or self.own_frames < 0:
+            raise ConfigError(
+                f"auto-conditioning with {self.true_frames} true and {self.own_frames} own frames: "
+                "expected 1 or more true ones, 0 or more own ones"
+            )
+
+    def share(self, epoch: int) -> float:
+        """Share of true frames in a whole turn of the pattern, whatever the epoch."""
+        return self.true_frames / (self.true_frames + self.own_frames)
+
+    def mask(self, horizon: int, epoch: int, generator: torch.Generator) -> Bool[Tensor, "horizon"]:
+        """The pattern; the last frame of the prefix is the first of the true ones."""
+        place = torch.arange(horizon) % (self.true_frames + self.own_frames)
+        return place < self.true_frames
+
+
 FEEDS: dict[str, Callable[..., Feed]] = {
     "teacher_forcing": TeacherForcing,
     "free_running": FreeRunning,
     "scheduled_sampling": ScheduledSampling,
+    "auto_conditioning": AutoConditioning,
 }

@@ -1,4 +1,4 @@
-"""Losses: one function a term, each the mean over batch and frames, and their weighted sum.
+"""Losses: one function a term, each the mean over batch and frames.
 
 Every function is differentiable wherever it is evaluated, gimbal lock included, and none takes a
 number out of its graph.
@@ -7,21 +7,18 @@ number out of its graph.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Callable
 from typing import NamedTuple
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from posecast.config import did_you_mean
-from posecast.errors import ConfigError
-from posecast.geometry.euler import ORDERS, quaternion_to_euler
-from posecast.representation.codec import Codec
+from posecast.geometry.euler import quaternion_to_euler
+from posecast.representation.base import Content
 from posecast.skeleton import Skeleton
-from posecast.skeleton.kinematics import joint_positions
+from posecast.skeleton.kinematics import joint_positions, local_to_root
+from posecast.training.comparison import Comparison
 
 ASIN_MARGIN = 1e-6  # keeps the slope of asin finite at gimbal lock, as in QuaterNet's training
 
@@ -88,43 +85,20 @@ def root_l1(
     return (predicted - target).abs().mean()
 
 
-@dataclass(frozen=True, eq=False)
-class Comparison:
-    """A training rollout beside the truth: what every term may look at.
+def mean_distance(
+    predicted: Float[Tensor, "*batch 3"], target: Float[Tensor, "*batch 3"]
+) -> Float[Tensor, ""]:
+    """Mean length of the difference of vectors, in their unit."""
+    # The norm of an exact zero, which every root has, passes on a zero gradient.
+    return torch.linalg.vector_norm(predicted - target, dim=-1).mean()
 
-    Args:
-        codec: how motion was written as features.
-        predicted: features, projected to valid ones.
-        raw: what the network put out for the joints, before residual and projection.
-        target: features of the true frames, their signs continuous with the prefix.
-        offsets: the body of each window, metres.
-        order: Euler order of the terms that measure angles.
-    """
 
-    codec: Codec
-    predicted: Float[Tensor, "batch frames features"]
-    raw: Float[Tensor, "batch frames joints joint_dim"]
-    target: Float[Tensor, "batch frames features"]
-    offsets: Float[Tensor, "batch joints 3"]
-    order: str = "zyx"
-
-    @cached_property
-    def predicted_rotations(self) -> Float[Tensor, "batch frames joints 4"]:
-        """Local rotations of the prediction."""
-        return self._rotations(self.predicted)
-
-    @cached_property
-    def target_rotations(self) -> Float[Tensor, "batch frames joints 4"]:
-        """Local rotations of the truth."""
-        return self._rotations(self.target)
-
-    def _rotations(
-        self, features: Float[Tensor, "batch frames features"]
-    ) -> Float[Tensor, "batch frames joints 4"]:
-        """Local rotations of features."""
-        return self.codec.representation.decode(
-            self.codec.split(features).joints, self.offsets[:, None]
-        )
+def bone_length_l1(
+    predicted: Float[Tensor, "*batch joints 3"], target: Float[Tensor, "*batch joints 3"]
+) -> Float[Tensor, ""]:
+    """Mean absolute difference of the lengths of translations from the parent, metres."""
+    lengths = [torch.linalg.vector_norm(values, dim=-1) for values in (predicted, target)]
+    return (lengths[0] - lengths[1]).abs().mean()
 
 
 def _euler(comparison: Comparison) -> Float[Tensor, ""]:
@@ -133,8 +107,37 @@ def _euler(comparison: Comparison) -> Float[Tensor, ""]:
     )
 
 
+def _features(comparison: Comparison) -> Float[Tensor, ""]:
+    """Mean squared error of the standardized features, before they are projected to valid ones.
+
+    Root channels included (Zhou et al. 2018; Andreou et al. 2022, section 5.1).
+    """
+    difference = comparison.emitted - comparison.target
+    if comparison.scale is not None:
+        difference = difference / comparison.scale
+    return difference.square().mean()
+
+
 def _quaternion(comparison: Comparison) -> Float[Tensor, ""]:
-    return quaternion_dot(comparison.predicted_rotations, comparison.target_rotations)
+    """Local rotations (Andreou et al. 2022, eq. 14; Pavllo et al. 2019)."""
+    predicted, target = comparison.predicted_rotations, comparison.target_rotations
+    return quaternion_dot(predicted, _on_side(comparison, predicted, target))
+
+
+def _quaternion_root(comparison: Comparison) -> Float[Tensor, ""]:
+    """Root-relative rotations: an error at a shoulder counts again at the elbow and the hand."""
+    skeleton = comparison.codec.skeleton
+    predicted = local_to_root(skeleton, comparison.predicted_rotations)
+    target = local_to_root(skeleton, comparison.target_rotations)
+    return quaternion_dot(predicted, _on_side(comparison, predicted, target))
+
+
+def _on_side(comparison: Comparison, predicted: Tensor, target: Tensor) -> Tensor:
+    """The true rotations on the side of the predicted ones, where features carry no signs."""
+    if "signs" in comparison.codec.representation.states:
+        return target
+    agree = (predicted.detach() * target).sum(-1, keepdim=True) >= 0
+    return torch.where(agree, target, -target)
 
 
 def _penalty(comparison: Comparison) -> Float[Tensor, ""]:
@@ -142,6 +145,18 @@ def _penalty(comparison: Comparison) -> Float[Tensor, ""]:
 
 
 def _position(comparison: Comparison) -> Float[Tensor, ""]:
+    """Positions from the root: as features state them, otherwise by forward kinematics.
+
+    Source: Andreou et al. 2022, section 5.1; Pavllo et al. 2018, section 3.5.
+    """
+    return mean_distance(comparison.predicted_positions, comparison.target_positions)
+
+
+def _position_fk(comparison: Comparison) -> Float[Tensor, ""]:
+    """Positions by forward kinematics of the rotations on the true body, whatever else is stated.
+
+    Source: Pavllo et al. 2018, section 3.5; "quaternions-FK" of Andreou et al. 2022.
+    """
     return position(
         comparison.predicted_rotations,
         comparison.target_rotations,
@@ -150,75 +165,58 @@ def _position(comparison: Comparison) -> Float[Tensor, ""]:
     )
 
 
+def _offset(comparison: Comparison) -> Float[Tensor, ""]:
+    """Translations of joints from their parents (Andreou et al. 2022, section 5.1)."""
+    return mean_distance(comparison.predicted_translations, comparison.target_translations)
+
+
+def _bone_length(comparison: Comparison) -> Float[Tensor, ""]:
+    return bone_length_l1(comparison.predicted_translations, comparison.target_translations)
+
+
+def _velocity(comparison: Comparison) -> Float[Tensor, ""]:
+    """Positions' differences from frame to frame, the last given frame to the first; metres."""
+    steps = [
+        torch.diff(positions, dim=1, prepend=comparison.last_positions)
+        for positions in (comparison.predicted_positions, comparison.target_positions)
+    ]
+    return mean_distance(*steps)
+
+
 def _root(comparison: Comparison) -> Float[Tensor, ""]:
     split = comparison.codec.split
     return root_l1(split(comparison.predicted).root, split(comparison.target).root)
 
 
-LOSSES: dict[str, Callable[[Comparison], Tensor]] = {
-    "euler": _euler,
-    "quaternion": _quaternion,
-    "penalty": _penalty,
-    "position": _position,
-    "root": _root,
-}
-
-
-class Loss(NamedTuple):
-    """The value to descend, and its terms before weighting, by name."""
-
-    total: Float[Tensor, ""]
-    terms: dict[str, Tensor]
-
-
-@dataclass(frozen=True)
-class Objective:
-    """A weighted sum of terms.
+class Term(NamedTuple):
+    """A loss, and what features must state for it to mean anything.
 
     Args:
-        terms: weight of each term of ``LOSSES``; QuaterNet's are the default.
-        order: Euler order of the terms that measure angles.
-
-    Raises:
-        ConfigError: no term, an unknown one, or a weight that is not positive.
+        measure: a comparison to its value.
+        needs: what ``Representation.states`` must hold.
     """
 
-    terms: Mapping[str, float]
-    order: str = "zyx"
+    measure: Callable[[Comparison], Tensor]
+    needs: frozenset[Content] = frozenset()
 
-    def __post_init__(self) -> None:
-        if not self.terms:
-            raise ConfigError(f"an objective needs a term; known: {', '.join(LOSSES)}")
-        for name, weight in self.terms.items():
-            if name not in LOSSES:
-                raise ConfigError(f"unknown loss {name!r}; {did_you_mean(name, LOSSES)}")
-            if not weight > 0:
-                raise ConfigError(f"loss {name!r} has weight {weight}; expected more than 0")
-        if self.order not in ORDERS:
-            raise ConfigError(
-                f"order {self.order!r} is unknown; {did_you_mean(self.order, ORDERS)}"
-            )
+    def __call__(self, comparison: Comparison) -> Float[Tensor, ""]:
+        """The value of the loss."""
+        return self.measure(comparison)
 
-    def check(self, codec: Codec) -> None:
-        """Refuse a codec that these terms do not fit, before any training.
 
-        Raises:
-            ConfigError: root channels without a loss, or a loss without root channels.
-        """
-        channels = codec.root_dim
-        if channels and "root" not in self.terms:
-            raise ConfigError(
-                f"the codec writes {channels} root channels that no loss trains; "
-                "add root: 1.0 to the loss, or write no root channels"
-            )
-        if not channels and "root" in self.terms:
-            raise ConfigError(
-                "loss 'root' needs root channels, but the codec writes none; "
-                "set its root to displacement, or leave the loss out"
-            )
+_ROTATIONS: frozenset[Content] = frozenset({"rotations"})
+_TRANSLATIONS: frozenset[Content] = frozenset({"translations"})
 
-    def __call__(self, comparison: Comparison) -> Loss:
-        """All terms and their weighted sum."""
-        terms = {name: LOSSES[name](comparison) for name in self.terms}
-        weighted = [weight * terms[name] for name, weight in self.terms.items()]
-        return Loss(torch.stack(weighted).sum(), terms)
+LOSSES: dict[str, Term] = {
+    "features": Term(_features),
+    "euler": Term(_euler, _ROTATIONS),
+    "quaternion": Term(_quaternion, _ROTATIONS),
+    "quaternion_root": Term(_quaternion_root, _ROTATIONS),
+    "penalty": Term(_penalty, frozenset({"constraint"})),
+    "position": Term(_position),
+    "position_fk": Term(_position_fk, _ROTATIONS),
+    "offset": Term(_offset, _TRANSLATIONS),
+    "bone_length": Term(_bone_length, _TRANSLATIONS),
+    "velocity": Term(_velocity),
+    "root": Term(_root),
+}

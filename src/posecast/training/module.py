@@ -17,7 +17,7 @@ from torch.optim import SGD, Adam, Optimizer
 from posecast.errors import ConfigError
 from posecast.model.forecaster import Forecaster
 from posecast.training.feeding import Feed
-from posecast.training.losses import Objective
+from posecast.training.objective import Objective
 from posecast.training.sampling import Windows
 from posecast.training.schedules import LearningRate, derived_generator, derived_seed
 from posecast.training.state import TrainingState, restore_moments

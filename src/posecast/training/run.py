@@ -21,7 +21,7 @@ from posecast.model.forecaster import Forecaster
 from posecast.motion.corpus import Corpus
 from posecast.training.feeding import Feed
 from posecast.training.keeping import BEST, LAST, RUN_FILES, STATE, Best, Keeper, Save, Validate
-from posecast.training.losses import Objective
+from posecast.training.objective import Objective
 from posecast.training.plan import Machines, Plan, require_lightning
 from posecast.training.sampling import EveryRecording, Sampling, Windows
 from posecast.training.state import (

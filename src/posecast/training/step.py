@@ -11,7 +11,8 @@ from torch import Tensor
 from posecast.model.forecaster import Forecaster
 from posecast.model.rollout import rollout
 from posecast.motion import Motion
-from posecast.training.losses import Comparison, Loss, Objective
+from posecast.training.comparison import Comparison
+from posecast.training.objective import Loss, Objective
 
 
 def training_loss(
@@ -53,6 +54,9 @@ def training_loss(
             codec=codec,
             predicted=found.features,
             raw=found.raw,
+            emitted=found.emitted,
+            last=given[:, -1],
+            scale=forecaster.scale,
             target=truth,
             offsets=motion.offsets,
             order=objective.order,

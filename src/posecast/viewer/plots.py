@@ -63,3 +63,52 @@ def error_over_horizon(
     axes.legend(frameon=False)
     axes.set_title(title or "Error over the horizon", size=11)
     save_png(figure, path)
+
+
+def convergence(
+    curves: Mapping[str, Sequence[Sequence[tuple[int, float]]]],
+    path: str | PathLike[str],
+    *,
+    what: str,
+) -> None:
+    """Plot how several systems got better in training, as PNG: means over runs, and their ranges.
+
+    Args:
+        curves: name of a system -> for each run (updates, value).
+        path: the file.
+        what: is measured; beside the upright axis.
+
+    Raises:
+        ConfigError: no curve, one without points, or matplotlib is missing.
+        DataError: the file cannot be written.
+    """
+    if not curves or not all(runs and all(runs) for runs in curves.values()):
+        raise ConfigError("nothing to plot: give at least one curve, each with a point")
+    figure = new_figure(860, 500)
+    axes = figure.add_axes((0.1, 0.12, 0.6, 0.8))
+    for place, (name, runs) in enumerate(curves.items()):
+        shared = sorted(set.intersection(*({update for update, _ in run} for run in runs)))
+        values = [[dict(run)[update] for run in runs] for update in shared]
+        color = _COLORS[place % len(_COLORS)]
+        axes.plot(
+            shared,
+            [sum(each) / len(each) for each in values],
+            label=name,
+            color=color,
+            marker=_MARKERS[place % len(_MARKERS)],
+            markersize=4,
+            linewidth=1.6,
+            linestyle="-" if place < len(_COLORS) else "--",
+        )
+        if len(runs) > 1:
+            low, high = ([pick(each) for each in values] for pick in (min, max))
+            axes.fill_between(shared, low, high, color=color, alpha=0.12, linewidth=0)
+    axes.set_xlabel("updates")
+    axes.set_ylabel(what)
+    axes.grid(color="#e3e3e3", linewidth=0.8)
+    axes.set_axisbelow(True)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+    axes.legend(frameon=False, loc="upper left", bbox_to_anchor=(1.02, 1.0), fontsize=9)
+    axes.set_title("Convergence", size=11)
+    save_png(figure, path)

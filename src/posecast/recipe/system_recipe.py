@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -14,11 +14,7 @@ import torch
 from posecast.config import (
     check_call,
     check_keys,
-    did_you_mean,
-    merge,
-    parse_overrides,
     pick_kind,
-    read_yaml,
 )
 from posecast.corpora import COMMON, CORPORA, build_corpus
 from posecast.corpora.gait.body import SKELETON
@@ -30,12 +26,11 @@ from posecast.representation import REPRESENTATIONS, Codec, Statistics, build_re
 from posecast.skeleton import Skeleton
 from posecast.skeleton.catalog import named_skeleton
 from posecast.training.feeding import FEEDS, Feed
-from posecast.training.losses import Objective
+from posecast.training.objective import Objective
 from posecast.training.plan import Plan
 from posecast.training.sampling import SAMPLINGS, Sampling
 
 MOST_FPS = 10_000
-RECIPES = Path(__file__).parent / "recipes"
 TEXTS = ("name", "summary", "source", "expect")
 SECTIONS = ("fps", "corpus", "representation", "codec", "model", "training", "protocol")
 MODEL_PARTS = ("backbone", "head", "controls")
@@ -44,6 +39,7 @@ TRAINING_PARTS = ("feed", "objective", "sampling")
 CORPUS_SKELETONS: Mapping[str, Callable[[], Skeleton]] = {
     "h36m": lambda: named_skeleton("h36m-32").skeleton,
     "synthetic": lambda: SKELETON,
+    "cmu-asf": lambda: named_skeleton("cmu-31").skeleton,
 }
 """Skeletons of corpora that are known before any file is read."""
 
@@ -198,12 +194,21 @@ class Recipe:
         return _codec(skeleton, representation, statistics, **self.config["codec"])
 
     def measure(self, corpus: Corpus) -> Statistics | None:
-        """Statistics of the training split; ``None`` if the recipe does not standardize."""
+        """Statistics of the training split; ``None`` if the recipe does not standardize.
+
+        Recordings are cut into pieces as long as windows are, so that the signs of quaternions
+        wander from where they begin as far as in training, and no farther.
+        """
         divide_by = self.config["codec"].get("standardize", "none")
         if divide_by == "none":
             return None
-        plain = self.build_codec(corpus.skeleton)
-        return plain.measure((clip.motion() for clip in corpus.split("train")), divide_by=divide_by)
+        plain, length = self.build_codec(corpus.skeleton), self.plan.prefix + self.plan.horizon
+        pieces = (
+            clip.cut(start, min(start + length, clip.frames)).motion()
+            for clip in corpus.split("train")
+            for start in range(0, clip.frames, length)
+        )
+        return plain.measure(pieces, divide_by=divide_by)
 
     def build_forecaster(self, codec: Codec) -> Forecaster:
         """The network, its weights drawn from the recipe's seed by PyTorch's own generator."""
@@ -270,70 +275,6 @@ class Recipe:
 
     def _at(self, place: str) -> str:
         return f"{self.name}: {place}"
-
-
-def count_parameters(recipe: Recipe) -> int | None:
-    """Number of trained values of a recipe's network; its weights are never allocated.
-
-    ``None`` where the skeleton is known only from the files of the recipe's corpus.
-    """
-    kind = recipe.config["corpus"]["kind"]
-    if kind not in CORPUS_SKELETONS:
-        return None
-    forecaster = recipe.outline(recipe.build_codec(CORPUS_SKELETONS[kind]()))
-    return sum(weight.numel() for weight in forecaster.parameters())
-
-
-def list_recipes() -> tuple[str, ...]:
-    """Names of the recipes that come with the package."""
-    return tuple(sorted(path.stem for path in RECIPES.glob("*.yaml")))
-
-
-def load_recipe(name: str, overrides: Iterable[str] = (), *, corpus: str | None = None) -> Recipe:
-    """A recipe by name or path, with ``key.path=value`` overrides laid over it.
-
-    Args:
-        name: one of ``list_recipes``, or the path of a YAML file.
-        overrides: such as ``training.epochs=100``.
-        corpus: another corpus in the place of the recipe's, with that corpus's defaults.
-
-    Raises:
-        ConfigError: no such recipe, or something in it does not fit.
-    """
-    path = Path(name)
-    if path.suffix not in (".yaml", ".yml"):
-        path = RECIPES / f"{name}.yaml"
-        if not path.is_file():
-            raise ConfigError(f"no recipe is called {name!r}; {did_you_mean(name, list_recipes())}")
-    config = _resolve(path)
-    if corpus is not None:
-        config = merge(config, {"corpus": {"kind": corpus}})
-    recipe = Recipe({"name": path.stem, **merge(config, parse_overrides(overrides))})
-    recipe.protocol.frames(recipe.fps)  # refuses now what could not be scored after training
-    return recipe
-
-
-def _resolve(path: Path) -> dict[str, Any]:
-    """A recipe laid over the one it extends. One level: chains hide what a system is."""
-    own = read_yaml(path)
-    base_name = own.pop("extends", None)
-    if base_name is None:
-        return own
-    beside = path.with_name(f"{base_name}.yaml")
-    base_path = beside if beside.is_file() else RECIPES / f"{base_name}.yaml"
-    if not base_path.is_file():
-        raise ConfigError(
-            f"{path.stem}: extends {base_name!r}, which does not exist; "
-            f"{did_you_mean(str(base_name), list_recipes())}"
-        )
-    base = read_yaml(base_path)
-    if "extends" in base:
-        raise ConfigError(
-            f"{path.stem}: extends {base_name!r}, which itself extends {base['extends']!r}; "
-            f"extend {base['extends']!r} and repeat what {base_name!r} adds to it, or train "
-            f"{base_name!r} with overrides (KEY=VALUE)"
-        )
-    return merge(base, own)
 
 
 def _flat(section: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:

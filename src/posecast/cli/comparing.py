@@ -1,0 +1,331 @@
+"""What ``posecast compare`` does: several systems on equal terms, one table, one plot, one film."""
+
+from __future__ import annotations
+
+import csv
+import json
+import statistics
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from posecast.cli.terminal import check_root, progress_bar, say
+from posecast.errors import ConfigError
+from posecast.evaluation import AVERAGE, METRICS, Protocol, Report, baseline_scores, build_protocol
+from posecast.io.atomic import atomic_write
+from posecast.motion import Motion
+from posecast.motion.corpus import Corpus
+from posecast.recipe import Recipe, load_recipe
+from posecast.system import System, load, train
+from posecast.training.keeping import BEST, LAST, LOG, VALIDATIONS
+
+PICTURE_MS = 3000  # how much of a forecast the film shows
+FREE_TO_DIFFER = ("objective", "seed", "feedback_gradient")
+"""Keys of ``training`` that are part of a system, not of the terms it is compared on."""
+
+
+class Cost(NamedTuple):
+    """What a system took.
+
+    Args:
+        parameters: trained values.
+        seconds: of training, validation included, one a seed.
+        step_ms: milliseconds of an update: median over the epochs of all seeds.
+    """
+
+    parameters: int
+    seconds: tuple[float, ...]
+    step_ms: float
+
+
+@dataclass(frozen=True, eq=False)
+class Contestant:
+    """One system of a comparison: its trained runs, its scores and its cost.
+
+    Args:
+        recipe: with the first seed.
+        runs: trained systems, one a seed.
+        report: scores of the runs.
+        cost: what training took.
+        curves: for each seed (updates, value) of the metric that runs are selected by.
+    """
+
+    recipe: Recipe
+    runs: tuple[System, ...]
+    report: Report
+    cost: Cost
+    curves: tuple[tuple[tuple[int, float], ...], ...]
+
+
+def compare_systems(
+    names: Sequence[str],
+    overrides: Sequence[str],
+    out: Path,
+    *,
+    corpus: str | None,
+    root: Path | None,
+    protocol: str | None,
+    seeds: int,
+    progress: bool = True,
+) -> str:
+    """Train what is not trained yet, score everything on the same windows, and write it to ``out``.
+
+    A comparison may be stopped at any moment; the same call goes on. Runs are in
+    ``out/RECIPE/SEED``; ``comparison.md``, ``comparison.json``, ``convergence.png`` and
+    ``comparison.gif`` are written anew.
+
+    Args:
+        names: recipes; those that share everything but representation, network and losses.
+        overrides: of every recipe, such as ``training.epochs=10``.
+        out: folder.
+        corpus: kind of corpus in the place of the recipes'.
+        root: folder of the corpus.
+        protocol: how to score; ``None``: as the first recipe says.
+        seeds: runs of each recipe, with the seeds 0, 1, ...
+        progress: show how far training is, on standard error.
+
+    Returns:
+        The table, in Markdown.
+
+    Raises:
+        ConfigError: a recipe named twice, or recipes on unequal terms; nothing is trained then.
+    """
+    if len(set(names)) < len(names):
+        raise ConfigError(f"{', '.join(names)}: a recipe is named twice; name each once")
+    if seeds < 1:
+        raise ConfigError(f"--seeds {seeds}: expected 1 or more")
+    recipes = [
+        [
+            load_recipe(name, [*overrides, f"training.seed={seed}"], corpus=corpus)
+            for seed in range(seeds)
+        ]
+        for name in names
+    ]
+    first = recipes[0][0]
+    for runs in recipes[1:]:
+        _check_terms(first, runs[0])
+    chosen = first.protocol if protocol is None else build_protocol(protocol)
+    chosen.frames(first.fps)
+    kind = first.config["corpus"]["kind"]
+    check_root(kind, root)
+    with progress_bar(f"reading {kind}") as advance:
+        data = first.build_corpus(root, progress=advance)
+    chosen.windows(data)
+    contestants = [_contest(runs, data, chosen, out, progress=progress) for runs in recipes]
+    say("scoring the baselines")
+    baselines = baseline_scores(chosen, data)
+    text = to_markdown(contestants, baselines, data)
+    _write(out / "comparison.md", text)
+    _write(out / "comparison.json", json.dumps(to_json(contestants, baselines), indent=1) + "\n")
+    _draw(contestants, data, chosen, out)
+    return text
+
+
+def _check_terms(first: Recipe, other: Recipe) -> None:
+    """Refuse two recipes that differ in more than representation, network and losses."""
+    one, two = (_terms(each) for each in (first, other))
+    differing = [key for key in {**one, **two} if one.get(key) != two.get(key)]
+    if differing:
+        key = differing[0]
+        raise ConfigError(
+            f"{first.name} and {other.name} are not on equal terms: {key} is {one.get(key)!r} and "
+            f"{two.get(key)!r}"
+            + (f", and so on ({', '.join(differing[1:])})" if differing[1:] else "")
+            + f"; give all the same with {key}=VALUE, or compare others"
+        )
+
+
+def _terms(recipe: Recipe) -> dict[str, Any]:
+    """What must be the same for a fair comparison, by dotted names."""
+    config = recipe.config
+    training = {
+        f"training.{key}": value
+        for key, value in config["training"].items()
+        if key not in FREE_TO_DIFFER
+    }
+    shared = {key: config[key] for key in ("fps", "corpus", "protocol")}
+    return {**shared, **training}
+
+
+def _contest(
+    recipes: Sequence[Recipe], corpus: Corpus, protocol: Protocol, out: Path, *, progress: bool
+) -> Contestant:
+    """Train and score all seeds of one recipe."""
+    runs: list[System] = []
+    scores = []
+    places = [out / recipe.name / str(recipe.plan.seed) for recipe in recipes]
+    for recipe, place in zip(recipes, places, strict=True):
+        say(f"{recipe.name}, seed {recipe.plan.seed}: {recipe.plan.epochs} epochs")
+        train(recipe, corpus, place, resume=True, progress=progress)
+        system = load(place / (BEST if (place / BEST).is_dir() else LAST))
+        runs.append(system)
+        scores.append(protocol.score(system.predictor, corpus, system=recipe.name))
+    logs = [_numbers(place / LOG) for place in places]
+    steps = [
+        float(row["seconds"]) / (float(row["updates"]) / float(row["epoch"]))
+        for rows in logs
+        for row in rows
+    ]
+    return Contestant(
+        recipes[0],
+        tuple(runs),
+        Report(tuple(scores)),
+        Cost(
+            runs[0].parameters,
+            tuple(sum(float(row["seconds"]) for row in rows) for rows in logs),
+            1000 * statistics.median(steps),
+        ),
+        tuple(
+            _curve(place, recipe, rows)
+            for place, recipe, rows in zip(places, recipes, logs, strict=True)
+        ),
+    )
+
+
+def _curve(
+    place: Path, recipe: Recipe, log: Sequence[Mapping[str, str]]
+) -> tuple[tuple[int, float], ...]:
+    """(updates, value) of what runs are selected by; of the loss where nothing was validated."""
+    if not (place / VALIDATIONS).is_file():
+        return tuple((int(row["updates"]), float(row["loss"])) for row in log)
+    updates = {row["epoch"]: int(row["updates"]) for row in log}
+    rows = _numbers(place / VALIDATIONS)
+    key = recipe.plan.select_best_by or list(rows[0])[1]
+    return tuple((updates[row["epoch"]], float(row[key])) for row in rows)
+
+
+def _numbers(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def to_markdown(contestants: Sequence[Contestant], baselines: Sequence[Any], corpus: Corpus) -> str:
+    """One table of costs, then one a metric with a row for every system and baseline."""
+    first = contestants[0].report.runs[0]
+    seeds = len(contestants[0].runs)
+    rows = [
+        ["system", "parameters", "training (s)", "step (ms)"],
+        ["---", "---:", "---:", "---:"],
+        *(
+            [
+                each.recipe.name,
+                f"{each.cost.parameters:,}",
+                _spread(each.cost.seconds, 0),
+                f"{each.cost.step_ms:.0f}",
+            ]
+            for each in contestants
+        ),
+    ]
+    blocks = [
+        f"**{len(contestants)} systems on equal terms**: corpus {first.corpus}, protocol "
+        f"{first.protocol}, {_count(seeds, 'seed')} each, mean ± standard deviation",
+        _table(rows),
+    ]
+    reports = [*(each.report for each in contestants), *(Report((scores,)) for scores in baselines)]
+    for name in first.metrics:
+        metric = METRICS[name]
+        head = ["system", *(f"{ms:g} ms" for ms in first.horizons_ms)]
+        lines = [head, ["---", *("---:" for _ in first.horizons_ms)]]
+        for report in reports:
+            cells = [line for line in report.lines if (line.action, line.metric) == (AVERAGE, name)]
+            lines.append([report.system, *(_cell(line, metric.digits) for line in cells)])
+        blocks += [f"**{metric.title} ({metric.unit})**: `{name}`", _table(lines)]
+    notes = [*first.notes, *corpus.notes]
+    if first.missing:
+        notes.append(f"Missing files: {', '.join(first.missing)}.")
+    return "\n\n".join([*blocks, "\n".join(f"- {note}" for note in notes)]) + "\n"
+
+
+def to_json(contestants: Sequence[Contestant], baselines: Sequence[Any]) -> dict[str, Any]:
+    """All numbers by name, those of every seed included."""
+    return {
+        "systems": [
+            {
+                "system": each.recipe.name,
+                "parameters": each.cost.parameters,
+                "training_seconds": list(each.cost.seconds),
+                "step_ms": each.cost.step_ms,
+                "validation": [[list(point) for point in curve] for curve in each.curves],
+                "seeds": [[row._asdict() for row in run.rows] for run in each.report.runs],
+            }
+            for each in contestants
+        ],
+        "baselines": [
+            {"system": scores.system, "rows": [row._asdict() for row in scores.rows]}
+            for scores in baselines
+        ],
+    }
+
+
+def _draw(contestants: Sequence[Contestant], corpus: Corpus, protocol: Protocol, out: Path) -> None:
+    """The convergence plot and the film."""
+    from posecast.viewer import draw
+    from posecast.viewer.plots import convergence
+
+    selected = contestants[0].recipe.plan.select_best_by
+    validated = bool(corpus.splits.get("validation"))
+    convergence(
+        {each.recipe.name: each.curves for each in contestants},
+        out / "convergence.png",
+        what=f"validation: {selected or protocol.metrics[0]}" if validated else "training loss",
+    )
+    prefix, horizons = protocol.frames(corpus.fps)
+    shown = min(horizons[-1], round(PICTURE_MS * corpus.fps / 1000))
+    window = protocol.windows(corpus).groups[0].windows[0]
+    clip = corpus.clips[window.clip]
+    truth = clip.cut(window.start, min(window.start + prefix + shown, clip.frames))
+    known = truth.cut(0, prefix).motion()
+    forecasts = [
+        Motion.join_frames([known, each.runs[0].predictor.predict(known, shown).rigid]).clip(
+            truth, name=name
+        )
+        for each, name in zip(contestants, _short(contestants), strict=True)
+    ]
+    say("drawing")
+    draw(
+        [truth, *forecasts],
+        out / "comparison.gif",
+        titles=["truth", *_short(contestants)],
+        split_frame=prefix,
+    )
+
+
+def _short(contestants: Sequence[Contestant]) -> list[str]:
+    """Names of the systems without what all of them begin and end with, word by word."""
+    words = [each.recipe.name.split("-") for each in contestants]
+    if len(words) == 1:
+        return ["-".join(words[0])]
+    trim: Callable[[list[list[str]]], int] = lambda lists: next(  # noqa: E731
+        (place for place, parts in enumerate(zip(*lists, strict=False)) if len(set(parts)) > 1),
+        min(map(len, lists)),
+    )
+    front = min(trim(words), *(len(each) - 1 for each in words))
+    words = [each[front:] for each in words]
+    back = min(trim([each[::-1] for each in words]), *(len(each) - 1 for each in words))
+    return ["-".join(each[: len(each) - back]) for each in words]
+
+
+def _table(rows: Sequence[Sequence[str]]) -> str:
+    return "\n".join("| " + " | ".join(row) + " |" for row in rows)
+
+
+def _spread(values: Sequence[float], digits: int) -> str:
+    """Mean and sample standard deviation."""
+    text = f"{statistics.fmean(values):.{digits}f}"
+    return text if len(values) < 2 else f"{text} ± {statistics.stdev(values):.{digits}f}"
+
+
+def _cell(line: Any, digits: int) -> str:
+    """A value with its spread."""
+    text = f"{line.value:.{digits}f}"
+    return text if line.std is None else f"{text} ± {line.std:.{digits}f}"
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}{'' if number == 1 else 's'}"
+
+
+def _write(path: Path, text: str) -> None:
+    with atomic_write(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")

@@ -1,0 +1,297 @@
+"""Metrics of whole predictions: spectra, distances on average, accelerations, stretched bones.
+
+Positions are those of all joints, the first at the origin; where the root faces counts. Metres,
+unless a metric's unit says otherwise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from posecast.errors import ConfigError
+from posecast.evaluation.metric import FrameMetric, Metric, Scene
+from posecast.motion.clip import Motion
+from posecast.skeleton import Skeleton
+from posecast.skeleton.kinematics import joint_positions
+
+CMU_UNIT = 2.54 / 0.45 / 100
+"""Metres of the length unit of CMU's files, in which Andreou et al. 2022 seem to have measured."""
+
+CMU = "5.644 cm"
+_TINY = 1e-12  # what the published code adds to totals, so that motionless features do no harm
+
+
+def places(motion: Motion, skeleton: Skeleton) -> Float[Tensor, "batch frames joints 3"]:
+    """Joints relative to the first one, as the motion puts them: its bones stretch if they do."""
+    found = joint_positions(skeleton, motion.rotations_local, motion.bones, None)
+    return found - found[..., :1, :]
+
+
+def euclidean(predicted: Motion, target: Motion, scene: Scene) -> Float[Tensor, "batch frames"]:
+    """Distance of joints, metres, mean over all of them, rotations put on the true body.
+
+    What a network says of positions or bones besides does not count.
+
+    Source: Andreou et al. 2022, section 6.
+    """
+    on_body = predicted.rigid._replace(offsets=target.offsets)
+    return _mean_distance(places(on_body, scene.skeleton), places(target, scene.skeleton))
+
+
+def emitted(predicted: Motion, target: Motion, scene: Scene) -> Float[Tensor, "batch frames"]:
+    """As ``euclidean``, with joints where the network itself put them."""
+    return _mean_distance(places(predicted, scene.skeleton), places(target, scene.skeleton))
+
+
+def bone_length_drift(
+    predicted: Motion, target: Motion, scene: Scene
+) -> Float[Tensor, "batch frames"]:
+    """How much longer or shorter bones are than those of the body, metres, mean.
+
+    Over the bones that have a length; zero for a prediction with rigid bones.
+    """
+    rest = torch.linalg.vector_norm(target.offsets, dim=-1)[:, None]
+    found = torch.linalg.vector_norm(predicted.bones, dim=-1).expand(
+        *predicted.rotations_local.shape[:2], -1
+    )
+    counted = (rest > 0) & (torch.tensor(scene.skeleton.parents) >= 0)
+    return ((found - rest).abs() * counted).sum(-1) / counted.sum(-1).clamp_min(1)
+
+
+def joint_jitter(motion: Motion, scene: Scene) -> Float[Tensor, "batch frames joints"]:
+    """Length of the third difference of each joint's place over dt^3, m/s^3.
+
+    The last three frames of the prefix come before the first, so a jump at the seam counts.
+    """
+    known = places(scene.prefix.cut(-3), scene.skeleton)
+    whole = torch.cat([known, places(motion, scene.skeleton)], dim=1)
+    return torch.linalg.vector_norm(torch.diff(whole, n=3, dim=1), dim=-1) * scene.fps**3
+
+
+def jitter(predicted: Motion, target: Motion, scene: Scene) -> Float[Tensor, "batch frames"]:
+    """``joint_jitter`` of the prediction, mean over joints; a little is right, see the truth's."""
+    return joint_jitter(predicted, scene).mean(-1)
+
+
+def jitter_true(predicted: Motion, target: Motion, scene: Scene) -> Float[Tensor, "batch frames"]:
+    """``joint_jitter`` of the truth, mean over joints."""
+    return joint_jitter(target, scene).mean(-1)
+
+
+def npss(
+    predicted: Float[Tensor, "batch frames features"],
+    target: Float[Tensor, "batch frames features"],
+    *,
+    power: Literal["real", "full"] = "real",
+) -> Float[Tensor, "batch"]:
+    """Normalized power spectrum similarity, each window's share: their mean is the score.
+
+    For every window and feature, the power over all frequencies of the discrete Fourier transform
+    is divided by its total; the distance of two spectra is the sum of the differences of their
+    running sums (earth mover's); windows and features weigh as much as the truth has power.
+
+    Args:
+        predicted: features over time.
+        target: the truth.
+        power: ``real``: the square of the real part, as both public implementations compute it;
+            ``full``: the squared magnitude, as the paper says.
+
+    Source: Gopalakrishnan et al. 2019, "A neural temporal model for human motion prediction",
+    section 4.2.
+    """
+    spectra = [_power(values, power) for values in (predicted, target)]
+    totals = [spectrum.sum(1, keepdim=True) for spectrum in spectra]
+    tiny = _TINY if bool((totals[1] == 0).any()) else 0.0
+    shares = [
+        torch.cumsum(spectrum / (total + tiny), dim=1)
+        for spectrum, total in zip(spectra, totals, strict=True)
+    ]
+    # A prediction that has no power where the truth has some is as far off as it can be.
+    distance = torch.nan_to_num(shares[0] - shares[1], nan=1.0).abs().sum(1)
+    weight = totals[1].squeeze(1)
+    return len(weight) * (weight * distance).sum(1) / weight.sum()
+
+
+def _power(
+    values: Float[Tensor, "batch frames features"], power: Literal["real", "full"]
+) -> Float[Tensor, "batch frames features"]:
+    spectrum = torch.fft.fft(values, dim=1)
+    return spectrum.real.square() if power == "real" else spectrum.abs().square()
+
+
+@dataclass(frozen=True)
+class Span:
+    """A metric of a prediction's frames 1 up to the horizon, as a whole.
+
+    Args:
+        measure: (places predicted, places true) -> one value a window; of all joints, metres.
+        least: fewest frames it can be taken of.
+        with_prefix: whether the frames of the prefix after the first are among them, as they were
+            expected one by one (``Scene.replayed``).
+        on_body: whether rotations are put on the true body, or joints stay where they were put.
+        name, title, unit, digits: see ``Metric``.
+    """
+
+    name: str
+    title: str
+    unit: str
+    measure: Callable[[Tensor, Tensor], Float[Tensor, "batch"]]
+    digits: int = 3
+    least: int = 1
+    with_prefix: bool = False
+    on_body: bool = True
+
+    @property
+    def needs_replay(self) -> bool:
+        """See ``Metric``."""
+        return self.with_prefix
+
+    def values(
+        self, predicted: Motion, target: Motion, scene: Scene, frames: Sequence[int]
+    ) -> Float[Tensor, "batch horizons"]:
+        """See ``Metric.values``.
+
+        Raises:
+            ConfigError: a horizon of too few frames.
+        """
+        if frames[0] < self.least:
+            raise ConfigError(
+                f"metric {self.name!r} needs {self.least} frames; the horizon of "
+                f"{1000 * frames[0] / scene.fps:g} ms has {frames[0]}: leave that horizon out"
+            )
+        before = 0
+        if self.with_prefix:
+            assert scene.replayed is not None
+            before = scene.prefix.root_positions.shape[1] - 1
+            predicted = Motion.join_frames([scene.replayed, predicted])
+            target = Motion.join_frames([scene.prefix.cut(1), target])
+        if self.on_body:
+            predicted = predicted.rigid._replace(offsets=target.offsets)
+        found, true = (places(motion, scene.skeleton) for motion in (predicted, target))
+        return torch.stack(
+            [self.measure(found[:, : before + n], true[:, : before + n]) for n in frames], dim=1
+        )
+
+    def left_out(self, skeleton: Skeleton) -> tuple[str, ...]:
+        """None: all joints enter the value, though the first is always at the origin."""
+        return ()
+
+
+def _mean_distance(found: Tensor, true: Tensor) -> Tensor:
+    """Distance of joints, mean over joints."""
+    return torch.linalg.vector_norm(found - true, dim=-1).mean(-1)
+
+
+def _acceleration(positions: Tensor) -> Float[Tensor, "batch"]:
+    """Length of p(t+2) - 2 p(t+1) + p(t), mean over frames and joints, metres a frame^2."""
+    return torch.linalg.vector_norm(torch.diff(positions, n=2, dim=1), dim=-1).mean((1, 2))
+
+
+def _scaled(
+    measure: Callable[[Motion, Motion, Scene], Tensor], unit: float
+) -> Callable[[Motion, Motion, Scene], Tensor]:
+    return lambda predicted, target, scene: measure(predicted, target, scene) / unit
+
+
+def _npss(power: Literal["real", "full"]) -> Callable[[Tensor, Tensor], Tensor]:
+    return lambda found, true: npss(found.flatten(2), true.flatten(2), power=power)
+
+
+def _distance(unit: float) -> Callable[[Tensor, Tensor], Tensor]:
+    return lambda found, true: _mean_distance(found, true).mean(1) / unit
+
+
+_CM = 0.01
+_DISTANCE = "Joint distance on the true body, mean up to the horizon"
+_ACCELERATION = "Joint acceleration of the prediction, mean up to the horizon"
+
+MOTION_METRICS: tuple[Metric, ...] = (
+    Span("npss", "NPSS of joint positions", "1", _npss("real")),
+    Span("npss_full_power", "NPSS of joint positions, full power", "1", _npss("full")),
+    Span("npss_with_prefix", "NPSS, prefix included", "1", _npss("real"), with_prefix=True),
+    FrameMetric("euclidean_cm", _DISTANCE, "cm", _scaled(euclidean, _CM), 2, "mean", 0),
+    FrameMetric("euclidean_cmu", _DISTANCE, CMU, _scaled(euclidean, CMU_UNIT), 2, "mean", 0),
+    Span(
+        "euclidean_with_prefix_cm",
+        f"{_DISTANCE}, prefix included",
+        "cm",
+        _distance(_CM),
+        2,
+        with_prefix=True,
+    ),
+    Span(
+        "euclidean_with_prefix_cmu",
+        f"{_DISTANCE}, prefix included",
+        CMU,
+        _distance(CMU_UNIT),
+        2,
+        with_prefix=True,
+    ),
+    FrameMetric(
+        "emitted_cm",
+        "Joint distance as the network put them, mean up to the horizon",
+        "cm",
+        _scaled(emitted, _CM),
+        2,
+        "mean",
+        0,
+    ),
+    Span(
+        "acceleration",
+        _ACCELERATION,
+        "cm/frame^2",
+        lambda found, true: _acceleration(found) / _CM,
+        3,
+        3,
+    ),
+    Span(
+        "acceleration_cmu",
+        _ACCELERATION,
+        f"{CMU}/frame^2",
+        lambda found, true: _acceleration(found) / CMU_UNIT,
+        3,
+        3,
+    ),
+    Span(
+        "acceleration_true",
+        "Joint acceleration of the truth, mean up to the horizon",
+        "cm/frame^2",
+        lambda found, true: _acceleration(true) / _CM,
+        3,
+        3,
+    ),
+    Span(
+        "acceleration_error",
+        "Difference of mean joint accelerations, absolute, window by window",
+        "cm/frame^2",
+        lambda found, true: (_acceleration(found) - _acceleration(true)).abs() / _CM,
+        3,
+        3,
+    ),
+    FrameMetric(
+        "bone_length_drift",
+        "Bone length error, mean up to the horizon",
+        "mm",
+        _scaled(bone_length_drift, 0.001),
+        2,
+        "mean",
+    ),
+    FrameMetric(
+        "jitter", "Jitter of the prediction, mean up to the horizon", "m/s^3", jitter, 1, "mean", 0
+    ),
+    FrameMetric(
+        "jitter_true",
+        "Jitter of the truth, mean up to the horizon",
+        "m/s^3",
+        jitter_true,
+        1,
+        "mean",
+        0,
+    ),
+)

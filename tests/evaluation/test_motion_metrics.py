@@ -1,0 +1,173 @@
+"""Metrics of whole predictions against slow references and cases computed by hand."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from posecast.errors import ConfigError
+from posecast.evaluation import METRICS, Scene, build_protocol
+from posecast.evaluation.motion_metrics import CMU_UNIT, joint_jitter, npss
+from posecast.geometry import quaternion
+from posecast.motion import Motion
+from posecast.skeleton import Skeleton
+
+SKELETON = Skeleton(("hips", "arm", "hand"), (-1, 0, 1))
+FPS = 30.0
+
+
+def arm(angles):
+    """A hand on an arm of half a meter that turns about z from +x, one angle a frame."""
+    frames = len(angles)
+    turns = torch.zeros(1, frames, 3, 3, dtype=torch.float64)
+    turns[0, :, 1, 2] = torch.as_tensor(angles, dtype=torch.float64)
+    offsets = torch.tensor([[[0.0, 0, 0], [0, 1, 0], [0.5, 0, 0]]], dtype=torch.float64)
+    return Motion(quaternion.exp(turns), torch.zeros(1, frames, 3).double(), offsets)
+
+
+def scene(prefix, replayed=None):
+    return Scene(SKELETON, FPS, prefix, replayed)
+
+
+def value(name, predicted, target, frames, prefix=None, replayed=None):
+    known = arm([0.0] * 4) if prefix is None else prefix
+    return METRICS[name].values(predicted, target, scene(known, replayed), [frames])[0, 0].item()
+
+
+def slow_npss(predicted, target, full=False):
+    """Loops over windows, features and frequencies (protocols.md, "NPSS, precisely")."""
+    total, weights = 0.0, 0.0
+    windows, frames, features = target.shape
+
+    def powers(signal):
+        found = []
+        for f in range(frames):
+            z = sum(signal[t] * np.exp(-2j * np.pi * f * t / frames) for t in range(frames))
+            found.append(abs(z) ** 2 if full else z.real**2)
+        return np.array(found)
+
+    sums = [[powers(target[i, :, j]) for j in range(features)] for i in range(windows)]
+    tiny = 1e-12 if any(p.sum() == 0 for row in sums for p in row) else 0.0
+    for i in range(windows):
+        for j in range(features):
+            true, guess = sums[i][j], powers(predicted[i, :, j])
+            distance = np.abs(
+                np.cumsum(guess / (guess.sum() + tiny)) - np.cumsum(true / (true.sum() + tiny))
+            ).sum()
+            total += true.sum() * distance
+            weights += true.sum()
+    return total / weights
+
+
+@pytest.mark.parametrize("full", [False, True])
+@pytest.mark.parametrize("motionless", [False, True])
+def test_npss_agrees_with_a_slow_reference(full, motionless, generator):
+    target = torch.randn(3, 12, 4, dtype=torch.float64, generator=generator)
+    predicted = target + 0.5 * torch.randn(3, 12, 4, dtype=torch.float64, generator=generator)
+    if motionless:
+        target[:, :, 0] = 0
+        predicted[:, :, 0] = 0
+    found = npss(predicted, target, power="full" if full else "real")
+    assert found.shape == (3,)
+    expected = slow_npss(predicted.numpy(), target.numpy(), full)
+    assert found.mean().item() == pytest.approx(expected, rel=1e-9)
+
+
+def test_the_two_powers_differ(generator):
+    target, predicted = torch.randn(2, 3, 20, 4, dtype=torch.float64, generator=generator)
+    assert npss(predicted, target).mean() != npss(predicted, target, power="full").mean()
+
+
+def test_npss_of_equal_motion_is_zero_and_of_frozen_motion_is_not():
+    moving = arm(torch.linspace(0, 6, 40).tolist())
+    frozen = arm([0.0] * 40)
+    assert value("npss", moving, moving, 40) == 0
+    assert value("npss", frozen, moving, 40) > 1
+
+
+def test_distances_are_means_over_frames_and_all_joints():
+    truth, guess = arm([0.0, 0.0, 0.0]), arm([0.0, 0.2, 0.4])
+    chords = [0.0, 2 * 0.5 * math.sin(0.1), 2 * 0.5 * math.sin(0.2)]
+    expected = sum(chords) / 3 / 3  # three frames, three joints
+    assert value("euclidean_cm", guess, truth, 3) == pytest.approx(100 * expected)
+    assert value("euclidean_cmu", guess, truth, 3) == pytest.approx(expected / 0.0564444, rel=1e-5)
+    assert pytest.approx(0.0564444, rel=1e-5) == CMU_UNIT
+    assert value("euclidean_cm", guess, truth, 1) == 0
+
+
+def test_distances_are_measured_on_the_true_body_and_emitted_ones_where_joints_were_put():
+    truth = arm([0.0, 0.0])
+    bones = truth.offsets[:, None].repeat(1, 2, 1, 1)
+    bones[:, :, 2, 0] += 0.03
+    stretched = truth._replace(translations_local=bones)
+    assert value("euclidean_cm", stretched, truth, 2) == 0
+    assert value("emitted_cm", stretched, truth, 2) == pytest.approx(3 / 3)
+    # One of two bones is 30 mm too long.
+    assert value("bone_length_drift", stretched, truth, 2) == pytest.approx(15)
+    assert value("bone_length_drift", truth, truth, 2) == 0
+
+
+def test_where_the_root_faces_counts_and_where_it_is_does_not():
+    truth = arm([0.0, 0.0])
+    facing = truth.rotations_local.clone()
+    facing[:, :, 0] = quaternion.exp(torch.tensor([0.0, 1.0, 0.0], dtype=torch.float64))
+    assert value("euclidean_cm", truth._replace(rotations_local=facing), truth, 2) > 10
+    assert (
+        value("euclidean_cm", truth._replace(root_positions=truth.root_positions + 1), truth, 2)
+        == 0
+    )
+
+
+def test_frames_of_the_prefix_enter_the_average_as_they_were_expected():
+    truth, prefix = arm([0.0, 0.0]), arm([0.0, 0.0, 0.0, 0.0])
+    replayed = arm([0.2, 0.2, 0.2])
+    chord = 2 * 0.5 * math.sin(0.1) / 3
+    found = value("euclidean_with_prefix_cm", truth, truth, 2, prefix, replayed)
+    assert found == pytest.approx(100 * 3 * chord / 5)
+    assert value("euclidean_cm", truth, truth, 2, prefix, replayed) == 0
+
+
+def test_accelerations_are_second_differences_in_units_a_frame():
+    radians = 0.1
+    steady = arm([radians * frame for frame in range(12)])
+    # On a circle of half a meter the second difference is 4 r sin^2(step / 2), for one joint of 3.
+    expected = 100 * 4 * 0.5 * math.sin(radians / 2) ** 2 / 3
+    still = arm([0.0] * 12)
+    assert value("acceleration", steady, still, 12) == pytest.approx(expected)
+    assert value("acceleration_true", still, steady, 12) == pytest.approx(expected)
+    assert value("acceleration_error", still, steady, 12) == pytest.approx(expected)
+    assert value("acceleration_error", steady, still, 12) == pytest.approx(expected)
+    assert value("acceleration_cmu", steady, still, 12) == pytest.approx(
+        expected / 5.64444, rel=1e-5
+    )
+
+
+def test_an_acceleration_needs_three_frames_and_says_so():
+    with pytest.raises(ConfigError, match=r"'acceleration' needs 3 frames; the .* has 2"):
+        value("acceleration", arm([0.0] * 3), arm([0.0] * 3), 2)
+
+
+def test_jitter_is_a_third_difference_and_counts_the_seam():
+    still = arm([0.0] * 5)
+    jumps = arm([math.pi] * 5)
+    assert value("jitter", still, still, 5) == 0
+    # The hand jumps by a meter once: third differences 1, 2, 1 in the first three frames.
+    found = joint_jitter(jumps, scene(arm([0.0] * 4)))[0, :, 2] / FPS**3
+    torch.testing.assert_close(found, torch.tensor([1.0, 2, 1, 0, 0], dtype=torch.float64))
+    assert value("jitter", jumps, still, 5) == pytest.approx(FPS**3 * 4 / 5 / 3)
+    assert value("jitter_true", still, jumps, 5) == pytest.approx(FPS**3 * 4 / 5 / 3)
+
+
+def test_the_protocol_of_the_paper_has_its_numbers():
+    protocol = build_protocol("cmu-acrnn")
+    assert protocol.frames(30) == (10, (3, 12, 30, 300))
+    assert protocol.sampling.stride == 7
+    assert protocol.sampling.limit == 400
+    long = build_protocol("h36m-long")
+    assert long.frames(25) == (50, (2, 4, 8, 10, 15, 20, 25, 50, 75, 100))
+    assert "mean-pose" in long.baselines
+    assert any("beyond about 0.8 s" in note for note in long.notes)
+    assert build_protocol("cross-skeleton").frames(30) == (10, (3, 12, 30))
