@@ -112,3 +112,52 @@ def convergence(
     axes.legend(frameon=False, loc="upper left", bbox_to_anchor=(1.02, 1.0), fontsize=9)
     axes.set_title("Convergence", size=11)
     save_png(figure, path)
+
+
+def lines(
+    curves: Mapping[str, Sequence[tuple[float, float]]],
+    path: str | PathLike[str],
+    *,
+    across: str,
+    upright: str,
+    title: str,
+) -> None:
+    """Plot plain lines, as PNG.
+
+    Args:
+        curves: name -> (place across, value).
+        path: the file.
+        across: what the axis below says, with its unit.
+        upright: what the axis at the left says, with its unit.
+        title: above the plot.
+
+    Raises:
+        ConfigError: no curve, one without points, or matplotlib is missing.
+        DataError: the file cannot be written.
+    """
+    if not curves or not all(curves.values()):
+        raise ConfigError("nothing to plot: give at least one curve, each with a point")
+    figure = new_figure(820, 480)
+    axes = figure.add_axes((0.09, 0.12, 0.88, 0.8))
+    for place, (name, points) in enumerate(curves.items()):
+        places, values = zip(*points, strict=True)
+        marker = _MARKERS[place % len(_MARKERS)] if len(points) <= 40 else None
+        axes.plot(
+            places,
+            values,
+            label=name,
+            color=_COLORS[place % len(_COLORS)],
+            marker=marker,
+            markersize=4.5,
+            linewidth=1.4,
+        )
+    axes.set_xlabel(across)
+    axes.set_ylabel(upright)
+    axes.set_ylim(bottom=0)
+    axes.grid(color="#e3e3e3", linewidth=0.8)
+    axes.set_axisbelow(True)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+    axes.legend(frameon=False)
+    axes.set_title(title, size=11)
+    save_png(figure, path)
