@@ -9,11 +9,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 import torch
-from benchmarks import bvh, kinematics, rollout, sampling, training_step
+from benchmarks import bvh, dual_quaternions, kinematics, rollout, sampling, training_step
 from benchmarks.timing import table
 
 BENCHMARKS: dict[str, Callable[[], list[dict[str, object]]]] = {
     "kinematics": kinematics.run,
+    "dual_quaternions": dual_quaternions.run,
     "bvh": bvh.run,
     "training_step": training_step.run,
     "sampling": sampling.run,

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from posecast.errors import ConfigError, DataError, SkeletonError
-from posecast.forecast import forecast_clip, match_joints
+from posecast.forecast import forecast_clip, match_joints, rename_joints
 from posecast.geometry import quaternion
 from posecast.model import ZeroVelocity
 from posecast.motion import Clip, Motion
@@ -165,6 +165,47 @@ def test_only_the_prefix_that_was_asked_for_is_read() -> None:
 def test_missing_joints_are_named() -> None:
     with pytest.raises(SkeletonError, match=r"lacks 1 of 2 joints: Tail; it has besides: Hips"):
         match_joints(Skeleton(("Root", "Hips"), (-1, 0)), Skeleton(("Root", "Tail"), (-1, 0)))
+
+
+def test_renamed_joints_are_guessed_and_a_mapping_brings_them_together() -> None:
+    clip = _clip(25.0, 20)
+    theirs = Skeleton(
+        ("mixamorig:Reference", "mixamorig:Hips", "spine_", "Helper", "Kopf"),
+        clip.skeleton.parents,
+    )
+    named = replace(clip, skeleton=theirs)
+    wanted = clip.skeleton
+    with pytest.raises(SkeletonError) as caught:
+        match_joints(theirs, wanted)
+    said = str(caught.value)
+    assert "lacks 4 of 5 joints: Reference, Hips, Spine, Head" in said
+    assert "besides: mixamorig:Reference, mixamorig:Hips, spine_, Kopf" in said
+    assert "perhaps renamed: Reference: mixamorig:Reference; Hips: mixamorig:Hips" in said
+    assert "Spine: spine_;" in said
+    assert "--mapping FILE" in said
+    names = {
+        "Reference": "mixamorig:Reference",
+        "Hips": "mixamorig:Hips",
+        "Spine": "spine_",
+        "Head": "Kopf",
+    }
+    renamed = rename_joints(named, names)
+    assert match_joints(renamed.skeleton, wanted) == (0, 1, 2, 3, 4)
+    back = rename_joints(renamed, {old: new for new, old in names.items()})
+    assert back.skeleton == theirs
+
+
+@pytest.mark.parametrize(
+    ("names", "said"),
+    [
+        ({"Pelvis": "Hip"}, "names joint 'Hip', which the clip does not have; did you mean 'Hips'"),
+        ({"A": "Hips", "B": "Hips"}, "gives one joint of the clip two names"),
+        ({"Spine": "Hips"}, "two joints of the clip are called 'Spine'"),
+    ],
+)
+def test_a_wrong_mapping_says_what_is_wrong(names: dict[str, str], said: str) -> None:
+    with pytest.raises(SkeletonError, match=said):
+        rename_joints(_clip(25.0, 5), names)
 
 
 def test_another_tree_over_the_same_joints_is_refused() -> None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import difflib
 import math
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -11,6 +13,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from posecast.config import did_you_mean
 from posecast.errors import ConfigError, DataError, SkeletonError
 from posecast.evaluation.prediction import Predictor
 from posecast.geometry import quaternion
@@ -105,10 +108,14 @@ def match_joints(found: Skeleton, wanted: Skeleton) -> tuple[int, ...]:
     missing = [name for name in wanted.names if name not in found.names]
     extra = [name for name in found.names if name not in wanted.names]
     if missing:
+        renamed = guess_renames(missing, extra)
+        lines = "; ".join(f"{old}: {new}" for old, new in renamed.items())
         raise SkeletonError(
             f"the clip lacks {len(missing)} of {len(wanted)} joints: {', '.join(missing)}; "
-            f"it has besides: {', '.join(extra) or 'nothing'}; give a clip of the skeleton that "
-            "the system was trained on"
+            f"it has besides: {', '.join(extra) or 'nothing'}; "
+            + (f"perhaps renamed: {lines}; " if renamed else "")
+            + "give a clip of the skeleton that the system was trained on, or a YAML file that "
+            "names its joints for those of the system (--mapping FILE, a line 'Hips: pelvis' each)"
         )
     kept = tuple(sorted(found.index(name) for name in wanted.names))
     if found.select(kept) != wanted:
@@ -117,6 +124,50 @@ def match_joints(found: Skeleton, wanted: Skeleton) -> tuple[int, ...]:
             f"found {', '.join(found.select(kept).names)}; expected {', '.join(wanted.names)}"
         )
     return kept
+
+
+def guess_renames(missing: Sequence[str], extra: Sequence[str]) -> dict[str, str]:
+    """For joints that are missing those that seem to be meant: the same letters, or nearly so."""
+    plain = {_letters(name): name for name in extra}
+    found: dict[str, str] = {}
+    for name in missing:
+        near = difflib.get_close_matches(_letters(name), list(plain), n=1, cutoff=0.75)
+        if near:
+            found[name] = plain.pop(near[0])
+    return found
+
+
+def _letters(name: str) -> str:
+    """A name without what dialects add: prefixes such as ``mixamorig:``, case and underscores."""
+    return re.sub(r"[^a-z0-9]", "", name.rpartition(":")[2].lower())
+
+
+def rename_joints(clip: Clip, names: Mapping[str, str]) -> Clip:
+    """The clip with other joint names; its motion stays.
+
+    Args:
+        clip: any clip.
+        names: new name -> name in the clip.
+
+    Raises:
+        SkeletonError: a name that the clip does not have, or two joints that would be called alike.
+    """
+    absent = [old for old in names.values() if old not in clip.skeleton.names]
+    if absent:
+        raise SkeletonError(
+            f"the mapping names joint {absent[0]!r}, which the clip does not have; "
+            f"{did_you_mean(absent[0], clip.skeleton.names)}"
+        )
+    new = {old: name for name, old in names.items()}
+    if len(new) < len(names):
+        raise SkeletonError("the mapping gives one joint of the clip two names; give it one")
+    called = tuple(new.get(name, name) for name in clip.skeleton.names)
+    twice = [name for name in called if called.count(name) > 1]
+    if twice:
+        raise SkeletonError(
+            f"with the mapping two joints of the clip are called {twice[0]!r}; map the other away"
+        )
+    return replace(clip, skeleton=Skeleton(called, clip.skeleton.parents))
 
 
 def _fold(clip: Clip, kept: Sequence[int]) -> Clip:

@@ -74,7 +74,9 @@ class System:
             skeleton=self.skeleton,
             fps=self.fps,
             horizon_ms=horizon_ms,
-            prefix=self.recipe.plan.prefix,
+            prefix=max(
+                self.recipe.plan.prefix, self.recipe.protocol.frames(self.recipe.fps).prefix
+            ),
         )
 
 

@@ -27,6 +27,8 @@ VERBS = (
     "recipes",
     "train",
     "evaluate",
+    "compare",
+    "endure",
     "forecast",
     "convert",
     "inspect",

@@ -42,7 +42,7 @@ def _scene(target: Motion) -> Scene:
 
 def _frames(name: str, least: int = 1) -> range:
     """Horizons that a metric has values at."""
-    return range(max(least, getattr(METRICS[name], "least", 1)), 11)
+    return range(max(least, METRICS[name].least_frames), 11)
 
 
 def _angles(rotations: torch.Tensor) -> np.ndarray:
@@ -91,10 +91,61 @@ def test_where_the_body_is_and_faces_does_not_count(name, generator):
     )
 
 
-BELOW_ROOT = (*BLIND_TO_ROOT,)
+@pytest.mark.parametrize("name", METRICS)
+def test_where_prediction_and_truth_are_together_does_not_count(name, generator):
+    target, predicted = _motion(generator), _motion(generator)
+    away = torch.randn(3, 1, 3, dtype=torch.float64, generator=generator)
+    scene = _scene(target)
+    moved = [
+        motion._replace(root_positions=motion.root_positions + away)
+        for motion in (predicted, target, scene.prefix, scene.replayed)
+    ]
+    elsewhere = scene._replace(prefix=moved[2], replayed=moved[3])
+    torch.testing.assert_close(
+        METRICS[name].values(moved[0], moved[1], elsewhere, _frames(name)),
+        METRICS[name].values(predicted, target, scene, _frames(name)),
+    )
 
 
-@pytest.mark.parametrize("name", BELOW_ROOT)
+# These look at joints where the network put them.
+AS_PUT = ("emitted_cm", "bone_length_drift", "jitter")
+
+
+@pytest.mark.parametrize("name", METRICS)
+def test_only_metrics_of_what_was_emitted_see_that_bones_stretch(name, generator):
+    target, rigid = _motion(generator), _motion(generator)
+    bones = torch.randn(3, 10, 5, 3, dtype=torch.float64, generator=generator)
+    stretched = rigid._replace(translations_local=bones)
+    again = rigid.cut(1, 4)
+    frames, scene = _frames(name), _scene(target)._replace(replayed=again)
+    seen = METRICS[name].values(rigid, target, scene, frames)
+    stretching = scene._replace(replayed=again._replace(translations_local=bones[:, 1:4]))
+    found = METRICS[name].values(stretched, target, stretching, frames)
+    assert torch.allclose(found, seen) == (name not in AS_PUT)
+
+
+@pytest.mark.parametrize("name", METRICS)
+def test_neither_rest_nor_noise_nor_no_body_at_all_makes_a_value_that_is_no_number(name, generator):
+    target = _motion(generator)
+    pose = target.rotations_local[:, :1].expand(-1, 10, -1, -1)
+    rest = target._replace(rotations_local=pose)
+    dot = target._replace(offsets=torch.zeros_like(target.offsets))
+    for predicted, true in ((rest, target), (target, rest), (rest, rest), (dot, dot), (dot, rest)):
+        values = METRICS[name].values(predicted, true, _scene(true), _frames(name))
+        assert bool(torch.isfinite(values).all())
+        assert values.shape == (3, len(_frames(name)))
+
+
+@pytest.mark.parametrize("name", METRICS)
+def test_the_value_at_a_horizon_does_not_depend_on_the_horizons_beside_it(name, generator):
+    target, predicted = _motion(generator), _motion(generator)
+    scene, frames = _scene(target), _frames(name)
+    whole = METRICS[name].values(predicted, target, scene, frames)
+    alone = METRICS[name].values(predicted, target, scene, frames[-3:-2])
+    torch.testing.assert_close(alone[:, 0], whole[:, -3])
+
+
+@pytest.mark.parametrize("name", BLIND_TO_ROOT)
 def test_every_joint_that_is_not_listed_as_left_out_counts(name, generator):
     target = _motion(generator, scale=0.5)
     scene, metric = _scene(target), METRICS[name]

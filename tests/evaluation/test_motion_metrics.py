@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 import pytest
 import torch
 
 from posecast.errors import ConfigError
 from posecast.evaluation import METRICS, Scene, build_protocol
-from posecast.evaluation.motion_metrics import CMU_UNIT, joint_jitter, npss
+from posecast.evaluation.motion_metrics import CMU_UNIT, joint_jitter
 from posecast.geometry import quaternion
 from posecast.motion import Motion
 from posecast.skeleton import Skeleton
@@ -37,57 +36,6 @@ def value(name, predicted, target, frames, prefix=None, replayed=None):
     return METRICS[name].values(predicted, target, scene(known, replayed), [frames])[0, 0].item()
 
 
-def slow_npss(predicted, target, full=False):
-    """Loops over windows, features and frequencies (protocols.md, "NPSS, precisely")."""
-    total, weights = 0.0, 0.0
-    windows, frames, features = target.shape
-
-    def powers(signal):
-        found = []
-        for f in range(frames):
-            z = sum(signal[t] * np.exp(-2j * np.pi * f * t / frames) for t in range(frames))
-            found.append(abs(z) ** 2 if full else z.real**2)
-        return np.array(found)
-
-    sums = [[powers(target[i, :, j]) for j in range(features)] for i in range(windows)]
-    tiny = 1e-12 if any(p.sum() == 0 for row in sums for p in row) else 0.0
-    for i in range(windows):
-        for j in range(features):
-            true, guess = sums[i][j], powers(predicted[i, :, j])
-            distance = np.abs(
-                np.cumsum(guess / (guess.sum() + tiny)) - np.cumsum(true / (true.sum() + tiny))
-            ).sum()
-            total += true.sum() * distance
-            weights += true.sum()
-    return total / weights
-
-
-@pytest.mark.parametrize("full", [False, True])
-@pytest.mark.parametrize("motionless", [False, True])
-def test_npss_agrees_with_a_slow_reference(full, motionless, generator):
-    target = torch.randn(3, 12, 4, dtype=torch.float64, generator=generator)
-    predicted = target + 0.5 * torch.randn(3, 12, 4, dtype=torch.float64, generator=generator)
-    if motionless:
-        target[:, :, 0] = 0
-        predicted[:, :, 0] = 0
-    found = npss(predicted, target, power="full" if full else "real")
-    assert found.shape == (3,)
-    expected = slow_npss(predicted.numpy(), target.numpy(), full)
-    assert found.mean().item() == pytest.approx(expected, rel=1e-9)
-
-
-def test_the_two_powers_differ(generator):
-    target, predicted = torch.randn(2, 3, 20, 4, dtype=torch.float64, generator=generator)
-    assert npss(predicted, target).mean() != npss(predicted, target, power="full").mean()
-
-
-def test_npss_of_equal_motion_is_zero_and_of_frozen_motion_is_not():
-    moving = arm(torch.linspace(0, 6, 40).tolist())
-    frozen = arm([0.0] * 40)
-    assert value("npss", moving, moving, 40) == 0
-    assert value("npss", frozen, moving, 40) > 1
-
-
 def test_distances_are_means_over_frames_and_all_joints():
     truth, guess = arm([0.0, 0.0, 0.0]), arm([0.0, 0.2, 0.4])
     chords = [0.0, 2 * 0.5 * math.sin(0.1), 2 * 0.5 * math.sin(0.2)]
@@ -108,6 +56,17 @@ def test_distances_are_measured_on_the_true_body_and_emitted_ones_where_joints_w
     # One of two bones is 30 mm too long.
     assert value("bone_length_drift", stretched, truth, 2) == pytest.approx(15)
     assert value("bone_length_drift", truth, truth, 2) == 0
+
+
+def test_bones_without_length_do_not_drift():
+    truth = arm([0.0, 0.0])
+    truth = truth._replace(offsets=truth.offsets.index_fill(1, torch.tensor([1]), 0.0))
+    bones = truth.offsets[:, None].repeat(1, 2, 1, 1)
+    bones[:, :, 1:] += 0.003
+    # Of the two bones the arm's has no length; the hand's goes from (0.5, 0, 0) to 3 mm further.
+    longer = math.sqrt(0.503**2 + 2 * 0.003**2) - 0.5
+    found = value("bone_length_drift", truth._replace(translations_local=bones), truth, 2)
+    assert found == pytest.approx(1000 * longer)
 
 
 def test_where_the_root_faces_counts_and_where_it_is_does_not():
@@ -145,9 +104,54 @@ def test_accelerations_are_second_differences_in_units_a_frame():
     )
 
 
-def test_an_acceleration_needs_three_frames_and_says_so():
-    with pytest.raises(ConfigError, match=r"'acceleration' needs 3 frames; the .* has 2"):
-        value("acceleration", arm([0.0] * 3), arm([0.0] * 3), 2)
+def test_the_acceleration_error_is_of_all_windows_together():
+    still, slow, fast = (arm([speed * frame for frame in range(12)]) for speed in (0.0, 0.1, 0.2))
+    truth, swapped = Motion.join([slow, fast]), Motion.join([fast, slow])
+    known = Motion.join([arm([0.0] * 4)] * 2)
+
+    def values(name, predicted, target):
+        return METRICS[name].values(predicted, target, scene(known), [12])[:, 0]
+
+    # Each window is wrong, and all together are right: which move comes when is not asked.
+    apart = values("acceleration_error", swapped, truth)
+    assert apart.abs().min() > 0.05
+    assert apart.mean().item() == pytest.approx(0, abs=1e-12)
+    for predicted, target in ((truth, Motion.join([still, fast])), (still, truth)):
+        predicted = Motion.join([predicted] * (2 // len(predicted.offsets)))
+        found = values("acceleration_error", predicted, target).mean().item()
+        one, other = (
+            values(name, predicted, target).mean().item()
+            for name in ("acceleration", "acceleration_true")
+        )
+        assert found == pytest.approx(abs(one - other))
+        assert found > 0.05
+
+
+@pytest.mark.parametrize(
+    "name", ["acceleration", "acceleration_cmu", "acceleration_true", "acceleration_error"]
+)
+def test_an_acceleration_needs_three_frames_and_says_so(name):
+    assert METRICS[name].least_frames == 3
+    message = (
+        rf"'{name}' needs horizons of 3 frames or more; the first, 66.6\d+ ms, has 2 at 30 fps"
+    )
+    with pytest.raises(ConfigError, match=message):
+        value(name, arm([0.0] * 3), arm([0.0] * 3), 2)
+    with pytest.raises(ConfigError, match="leave out the horizon or the metric"):
+        build_protocol(
+            "short-term", metrics=[name], prefix_ms=400, horizons_ms=[80, 400], stride=7
+        ).frames(25.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "least"), [("jitter", 3), ("jitter_true", 3), ("npss_with_prefix", 2), ("npss", 1)]
+)
+def test_a_prefix_that_is_too_short_for_a_metric_is_refused(name, least):
+    assert METRICS[name].least_prefix == least
+    if least > 1:
+        with pytest.raises(ConfigError, match=f"a prefix of {least} frames or more; found"):
+            value(name, arm([0.0] * 4), arm([0.0] * 4), 4, arm([0.0] * (least - 1)))
+    assert value(name, arm([0.0] * 4), arm([0.0] * 4), 4, arm([0.0] * 3), arm([0.0] * 2)) == 0
 
 
 def test_jitter_is_a_third_difference_and_counts_the_seam():
@@ -159,6 +163,9 @@ def test_jitter_is_a_third_difference_and_counts_the_seam():
     torch.testing.assert_close(found, torch.tensor([1.0, 2, 1, 0, 0], dtype=torch.float64))
     assert value("jitter", jumps, still, 5) == pytest.approx(FPS**3 * 4 / 5 / 3)
     assert value("jitter_true", still, jumps, 5) == pytest.approx(FPS**3 * 4 / 5 / 3)
+    # Of a longer prefix only the last three frames: an earlier jump is over.
+    assert value("jitter", still, still, 5, arm([math.pi, 0.0, 0.0, 0.0])) == 0
+    assert value("jitter", still, still, 5, arm([0.0, math.pi, 0.0, 0.0])) > 0
 
 
 def test_the_protocol_of_the_paper_has_its_numbers():
@@ -169,5 +176,5 @@ def test_the_protocol_of_the_paper_has_its_numbers():
     long = build_protocol("h36m-long")
     assert long.frames(25) == (50, (2, 4, 8, 10, 15, 20, 25, 50, 75, 100))
     assert "mean-pose" in long.baselines
-    assert any("beyond about 0.8 s" in note for note in long.notes)
+    assert any("lose to zero velocity from 0.8 s on" in note for note in long.notes)
     assert build_protocol("cross-skeleton").frames(30) == (10, (3, 12, 30))

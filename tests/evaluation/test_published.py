@@ -45,6 +45,8 @@ def test_every_printed_name_is_in_some_table():
         ("running-average-4", "h36m-standard", "smoking", 320, 1.03, "ijcv2019, Table 1"),
         ("quaternet-vel", "h36m-128", "walking", 80, 0.28, "ijcv2019, Table 2"),
         ("quaternet-vel", "h36m-long", AVERAGE, 80, 0.3871, "sca2022, Table 2"),
+        ("quaternet-vel", "h36m-standard", AVERAGE, 80, 0.3871, "sca2022, Table 2"),
+        ("zero-velocity", "h36m-long", "walking", 400, 1.15, "ijcv2019, Table 1"),
         ("quaternet-dual-quaternion", "h36m-long", AVERAGE, 4000, 4.7124, "sca2022, Table 2"),
     ],
 )

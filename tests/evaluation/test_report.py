@@ -10,9 +10,10 @@ import pytest
 import torch
 
 from posecast.errors import ConfigError
-from posecast.evaluation import Report, bootstrap, build_protocol, evaluate
+from posecast.evaluation import Report, bootstrap, build_protocol, evaluate, make_baseline
 from posecast.evaluation.windows import H36M_ACTIONS
 from posecast.model import RunningAverage, ZeroVelocity
+from posecast.motion.corpus import Corpus
 
 BASELINES = ["zero-velocity", "running-average-2", "running-average-4"]
 
@@ -58,6 +59,25 @@ def test_every_table_has_the_baselines_as_rows(corpus, system):
     lines = list(csv.DictReader(report.to_csv().splitlines()))
     assert {line["system"] for line in lines} == {system, *BASELINES}
     assert len(lines) == 36 * len({system, *BASELINES})
+
+
+def test_a_table_has_the_baselines_of_its_protocol(make_h36m):
+    whole = make_h36m(("walking", "eating"))
+    corpus = Corpus("toy", whole.clips, {"train": (0, 1), "test": (0, 1, 2, 3)})
+    protocol = build_protocol("h36m-long", horizons_ms=[80, 1000])
+    report = evaluate(RunningAverage(3), protocol, corpus, system="mine")
+    names = ["zero-velocity", "running-average-2", "running-average-4", "mean-pose"]
+    assert [scores.system for scores in report.baselines] == names
+    text = report.to_markdown()
+    assert all(text.count(f"| walking | {name} |") == 3 for name in ["mine", *names])
+    assert "lose to zero velocity from 0.8 s on" in text
+    lines = list(csv.DictReader(report.to_csv().splitlines()))
+    assert {line["system"] for line in lines} == {"mine", *names}
+    content = json.loads(report.to_json())
+    assert [baseline["system"] for baseline in content["baselines"]] == names
+    own = evaluate(make_baseline("mean-pose", corpus), protocol, corpus, system="mean-pose")
+    assert [scores.system for scores in own.baselines] == names[:3]
+    assert "baselines" not in json.loads(own.to_json())
 
 
 def test_markdown_says_units_joints_left_out_windows_and_where_numbers_are_from(corpus):

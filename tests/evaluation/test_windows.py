@@ -7,6 +7,7 @@ import itertools
 import pytest
 
 from posecast.errors import ConfigError, DataError
+from posecast.evaluation import build_protocol
 from posecast.evaluation.windows import (
     H36M_ACTIONS,
     Grid,
@@ -165,3 +166,52 @@ def test_an_empty_split_is_called_that(make_clip):
     corpus = Corpus("few", [make_clip(200, 0)], {"train": (0,), "test": ()})
     with pytest.raises(ConfigError, match="split 'test' of corpus 'few' is empty; it needs more"):
         Grid(stride=5).sample(corpus, "test", 60)
+
+
+def test_a_limit_spreads_windows_evenly(make_clip):
+    corpus = Corpus("toy", [make_clip(300, 1, action="walk")], {"test": (0,)})
+    whole = Grid(7).sample(corpus, "test", 40).groups[0].windows
+    few = Grid(7, limit=4).sample(corpus, "test", 40)
+    starts = [window.start for window in few.groups[0].windows]
+    assert (len(whole), len(starts)) == (38, 4)
+    assert starts == [whole[place].start for place in (0, 12, 25, 37)]
+    assert any("Of the 38 windows of 'walk', 4 spread evenly" in note for note in few.notes)
+
+
+def test_without_a_label_to_group_by_all_clips_are_one_group(make_clip):
+    clips = [make_clip(100, 1, action="walk"), make_clip(100, 2, action="jog")]
+    sampling = Grid(20, None).sample(Corpus("toy", clips, {"test": (0, 1)}), "test", 60)
+    assert [(group.name, len(group.windows)) for group in sampling.groups] == [("all", 6)]
+
+
+@pytest.mark.parametrize(("seconds", "windows"), [(20, 42), (160, 400)])
+def test_the_windows_of_the_acrnn_protocol_are_every_seventh_and_at_most_400(
+    make_clip, seconds, windows
+):
+    clip = make_clip(30 * seconds, 1, fps=30.0, action="salsa")
+    sampling = build_protocol("cmu-acrnn").windows(Corpus("toy", [clip], {"test": (0,)}))
+    (group,) = sampling.groups
+    assert (group.name, len(group.windows)) == ("all", windows)
+    starts = [window.start for window in group.windows]
+    assert starts[0] == 0
+    assert starts[-1] == (30 * seconds - 310) // 7 * 7
+    assert all(start % 7 == 0 for start in starts)
+    assert len(set(starts)) == windows
+    assert any("Of the 642 windows of 'all', 400" in note for note in sampling.notes) == (
+        windows == 400
+    )
+
+
+def test_scenarios_are_the_lines_of_the_cross_skeleton_table(make_clip):
+    names = ("seen body, unseen motion", "unseen body, seen motion")
+    clips = [make_clip(60, seed, fps=30.0, scenario=name) for seed, name in enumerate(names)]
+    protocol = build_protocol("cross-skeleton")
+    sampling = protocol.windows(Corpus("toy", clips, {"test": (0, 1)}))
+    assert [group.name for group in sampling.groups] == list(names)
+    # 60 frames hold windows of 10 + 30 that begin at 0, 7 and 14.
+    assert [len(group.windows) for group in sampling.groups] == [3, 3]
+    assert protocol.frames(60.0) == (20, (6, 24, 60))
+    assert build_protocol("cross-skeleton", prefix_ms=400, horizons_ms=[80]).frames(25.0) == (
+        10,
+        (2,),
+    )

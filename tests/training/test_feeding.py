@@ -6,13 +6,21 @@ import pytest
 import torch
 
 from posecast.errors import ConfigError
-from posecast.training.feeding import FEEDS, FreeRunning, ScheduledSampling, TeacherForcing
+from posecast.training.feeding import (
+    FEEDS,
+    AutoConditioning,
+    FreeRunning,
+    ScheduledSampling,
+    TeacherForcing,
+)
 
 EPOCHS = (0, 1, 40, 300)
 
 
-def test_there_are_three_feeds():
-    assert set(FEEDS) == {"teacher_forcing", "free_running", "scheduled_sampling"}
+def test_there_are_four_feeds():
+    assert set(FEEDS) == {
+        *("teacher_forcing", "free_running", "scheduled_sampling", "auto_conditioning"),
+    }
 
 
 @pytest.mark.parametrize("epoch", EPOCHS)
@@ -52,6 +60,24 @@ def test_scheduled_sampling_begins_as_teacher_forcing_and_ends_as_free_running(g
     assert torch.equal(feed.mask(500, 10_000, generator), free.mask(500, 10_000, generator))
     # Pavllo et al. 2018: 0.995 ** 920 = 0.0099
     assert feed.share(900) > 0.01 > feed.share(930)
+
+
+def test_auto_conditioning_repeats_its_pattern_true_frames_first(generator):
+    # Zhou et al. 2018: of 100 inputs five are true, five its own, and so on.
+    assert AutoConditioning().mask(100, 7, generator).tolist() == 10 * (5 * [True] + 5 * [False])
+    assert AutoConditioning(2, 1).mask(7, 0, generator).tolist() == [
+        *(True, True, False),
+        *(True, True, False),
+        True,
+    ]
+    assert AutoConditioning(3, 0).mask(9, 0, generator).all()
+    assert AutoConditioning(2, 6).share(3) == 0.25
+
+
+@pytest.mark.parametrize(("true", "own"), [(0, 5), (5, -1)])
+def test_a_pattern_without_true_frames_is_refused(true, own):
+    with pytest.raises(ConfigError, match=f"with {true} true and {own} own frames"):
+        AutoConditioning(true, own)
 
 
 @pytest.mark.parametrize("decay", [-0.1, 1.1])

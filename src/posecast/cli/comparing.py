@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import statistics
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -271,6 +271,7 @@ def _draw(contestants: Sequence[Contestant], corpus: Corpus, protocol: Protocol,
         what=f"validation: {selected or protocol.metrics[0]}" if validated else "training loss",
     )
     prefix, horizons = protocol.frames(corpus.fps)
+    titles = short_names([each.recipe.name for each in contestants])
     shown = min(horizons[-1], round(PICTURE_MS * corpus.fps / 1000))
     window = protocol.windows(corpus).groups[0].windows[0]
     clip = corpus.clips[window.clip]
@@ -280,30 +281,34 @@ def _draw(contestants: Sequence[Contestant], corpus: Corpus, protocol: Protocol,
         Motion.join_frames([known, each.runs[0].predictor.predict(known, shown).rigid]).clip(
             truth, name=name
         )
-        for each, name in zip(contestants, _short(contestants), strict=True)
+        for each, name in zip(contestants, titles, strict=True)
     ]
     say("drawing")
     draw(
         [truth, *forecasts],
         out / "comparison.gif",
-        titles=["truth", *_short(contestants)],
+        titles=["truth", *titles],
         split_frame=prefix,
     )
 
 
-def _short(contestants: Sequence[Contestant]) -> list[str]:
-    """Names of the systems without what all of them begin and end with, word by word."""
-    words = [each.recipe.name.split("-") for each in contestants]
+def short_names(names: Sequence[str]) -> list[str]:
+    """Names without the words that all of them begin and end with."""
+    words = [name.split("-") for name in names]
     if len(words) == 1:
-        return ["-".join(words[0])]
-    trim: Callable[[list[list[str]]], int] = lambda lists: next(  # noqa: E731
-        (place for place, parts in enumerate(zip(*lists, strict=False)) if len(set(parts)) > 1),
-        min(map(len, lists)),
-    )
-    front = min(trim(words), *(len(each) - 1 for each in words))
-    words = [each[front:] for each in words]
-    back = min(trim([each[::-1] for each in words]), *(len(each) - 1 for each in words))
-    return ["-".join(each[: len(each) - back]) for each in words]
+        return list(names)
+    back = min(_shared([each[::-1] for each in words]), *(len(each) - 1 for each in words))
+    words = [each[: len(each) - back] for each in words]
+    front = min(_shared(words), *(len(each) - 1 for each in words))
+    return ["-".join(each[front:]) for each in words]
+
+
+def _shared(lists: Sequence[Sequence[str]]) -> int:
+    """How many words all lists begin with."""
+    for place, words in enumerate(zip(*lists, strict=False)):
+        if len(set(words)) > 1:
+            return place
+    return min(map(len, lists))
 
 
 def _table(rows: Sequence[Sequence[str]]) -> str:

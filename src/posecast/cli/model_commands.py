@@ -45,6 +45,9 @@ def register(app: typer.Typer) -> None:
         epilog="Example: posecast compare acrnn-quaternion-small acrnn-dual-quaternion-small "
         "--corpus synthetic --seeds 1 training.epochs=2 --out compared"
     )(compare)
+    app.command(epilog="Example: posecast endure runs/small/best --frames 3000 --out endurance")(
+        endure
+    )
     app.command(
         epilog="Example: posecast forecast runs/small/best walk.bvh --horizon-ms 1000 --out out.bvh"
     )(forecast)
@@ -215,6 +218,24 @@ def compare(
     say(f"everything is under {out}/")
 
 
+def endure(
+    checkpoint: Annotated[Path, typer.Argument(help="A checkpoint folder.")],
+    out: Annotated[Path, typer.Option("--out", help="Folder for tables and pictures.")],
+    frames: Annotated[int, typer.Option("--frames", help="Length of the rollouts.")] = 30_000,
+    starts: Annotated[int, typer.Option("--starts", help="How many rollouts.")] = 4,
+    corpus: CorpusOption = None,
+    root: RootOption = None,
+) -> None:
+    """Roll a system out for minutes: does it freeze, does it blow up, how fast does it move?"""
+    from posecast.cli.enduring import endure as endure_system
+    from posecast.viewer.canvas import optional
+
+    for drawing in ("PIL.Image", "matplotlib.figure"):
+        optional(drawing)
+    facts = endure_system(checkpoint, out, frames=frames, starts=starts, corpus=corpus, root=root)
+    print_json(facts)
+
+
 def forecast(
     checkpoint: Annotated[Path, typer.Argument(help="A checkpoint folder.")],
     clip: Annotated[Path, typer.Argument(help="A motion file with the checkpoint's skeleton.")],
@@ -232,9 +253,17 @@ def forecast(
     up: UpOption = None,
     skeleton: SkeletonOption = None,
     template: TemplateOption = None,
+    mapping: Annotated[
+        Path | None,
+        typer.Option(
+            "--mapping", help="YAML: for joints of the checkpoint their names in the clip."
+        ),
+    ] = None,
 ) -> None:
     """Continue a clip: writes the clip and its forecast in the clip's own conventions."""
     from posecast.cli.data_commands import save_clip
+    from posecast.cli.reading import read_mapping
+    from posecast.forecast import rename_joints
     from posecast.io.atomic import check_target
     from posecast.system import load
 
@@ -243,10 +272,17 @@ def forecast(
     reading.check([clip])
     system = load(checkpoint)
     known = reading.clip(clip)
+    names = {} if mapping is None else read_mapping(mapping)
     try:
-        continued = system.forecast(known, horizon_ms=horizon_ms)
+        continued = system.forecast(rename_joints(known, names), horizon_ms=horizon_ms)
+        continued = rename_joints(continued, {old: new for new, old in names.items()})
     except SkeletonError as error:
         raise SkeletonError(f"{clip}: {error}") from None
+    if "rotations" not in system.forecaster.codec.representation.states:
+        say(
+            "note: the system predicts positions; rotations are fitted, and the twist of each bone "
+            "about itself is inferred"
+        )
     save_clip(continued, out)
     say(f"{out} written: the forecast begins after {known.frames} frames")
 

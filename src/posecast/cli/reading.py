@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from posecast.config import read_yaml
 from posecast.errors import ConfigError, PosecastError
 
 if TYPE_CHECKING:
@@ -75,3 +76,16 @@ def check_rate(option: str, fps: float) -> None:
         raise ConfigError(
             f"{option} {fps:g}: expected frames per second, above 0 and at most {_MOST_FPS}"
         )
+
+
+def read_mapping(path: Path) -> dict[str, str]:
+    """A YAML file of joint names: those of a checkpoint, each with its name in a clip.
+
+    Raises:
+        ConfigError: it cannot be read, or is no mapping of names to names.
+    """
+    names = read_yaml(path)
+    for new, old in names.items():
+        if not isinstance(old, str):
+            raise ConfigError(f"{path}: {new}: found {old!r}, expected the name of a joint")
+    return {str(new): old for new, old in names.items()}

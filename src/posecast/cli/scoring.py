@@ -14,7 +14,8 @@ from posecast.evaluation import evaluate as evaluate_predictors
 from posecast.motion.corpus import Corpus
 from posecast.system import System, load
 
-BASELINE_FPS = 25.0  # where neither a protocol nor a checkpoint sets the rate
+# Tried in turn where neither a protocol nor a checkpoint sets the rate.
+BASELINE_FPS = (25.0, 30.0)
 
 
 def score_systems(
@@ -43,7 +44,7 @@ def score_systems(
         if corpus is None:
             raise ConfigError(f"{names[0]} was not trained on any corpus: name one with --corpus")
         chosen = build_protocol(protocol or "short-term")
-        data = _read(corpus, root, chosen.fps or BASELINE_FPS)
+        data = _read(corpus, root, _rate(chosen))
         baseline = make_baseline(names[0], data)
         return evaluate_predictors(baseline, chosen, data, system=names[0], split=split)
     for name in names:
@@ -75,7 +76,7 @@ def score_systems(
                 "has no spread; name one of them"
             )
         seeds[seed] = name
-    data = _corpus_of(first, corpus, root)
+    data = corpus_of(first, corpus, root)
     _check_skeleton(first, data)
     return evaluate_predictors(
         [system.predictor for system in systems],
@@ -127,7 +128,20 @@ def _protocol_of(system: System, protocol: str | None) -> Protocol:
     return system.recipe.protocol if protocol in (None, own) else build_protocol(str(protocol))
 
 
-def _corpus_of(system: System, corpus: str | None, root: Path | None) -> Corpus:
+def _rate(protocol: Protocol) -> float:
+    """The protocol's frame rate, or the first of the usual ones that its times fall on."""
+    if protocol.fps is not None:
+        return protocol.fps
+    for fps in BASELINE_FPS:
+        try:
+            protocol.frames(fps)
+        except ConfigError:
+            continue
+        return fps
+    return BASELINE_FPS[0]  # scoring says what does not fit
+
+
+def corpus_of(system: System, corpus: str | None, root: Path | None) -> Corpus:
     """The corpus by name, or the recipe's own with its options, at the system's frame rate."""
     own = system.recipe.config["corpus"]["kind"]
     if corpus in (None, own):

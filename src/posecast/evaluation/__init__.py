@@ -1,19 +1,16 @@
 """Protocols, metrics and reports: how predictors are compared."""
 
+from posecast.evaluation.baselines import BASELINE_NAMES, BASELINES, make_baseline
+from posecast.evaluation.bootstrap import bootstrap
+from posecast.evaluation.freeze import FreezeDetector, Liveliness
 from posecast.evaluation.metric import FrameMetric, Metric, Scene
 from posecast.evaluation.metrics import METRICS
-from posecast.evaluation.prediction import Predictor
+from posecast.evaluation.motion_metrics import joint_jitter
+from posecast.evaluation.npss import npss
+from posecast.evaluation.prediction import Predictor, Replayer
 from posecast.evaluation.protocol import PROTOCOLS, Protocol, build_protocol
 from posecast.evaluation.published import Published, find_published, published_tables
-from posecast.evaluation.report import (
-    BASELINE_NAMES,
-    BASELINES,
-    Report,
-    baseline_scores,
-    bootstrap,
-    evaluate,
-    make_baseline,
-)
+from posecast.evaluation.report import Report, baseline_scores, evaluate
 from posecast.evaluation.scores import AVERAGE, Row, Scores
 
 __all__ = [
@@ -23,10 +20,13 @@ __all__ = [
     "METRICS",
     "PROTOCOLS",
     "FrameMetric",
+    "FreezeDetector",
+    "Liveliness",
     "Metric",
     "Predictor",
     "Protocol",
     "Published",
+    "Replayer",
     "Report",
     "Row",
     "Scene",
@@ -36,6 +36,8 @@ __all__ = [
     "build_protocol",
     "evaluate",
     "find_published",
+    "joint_jitter",
     "make_baseline",
+    "npss",
     "published_tables",
 ]

@@ -8,14 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from posecast.errors import ConfigError
-from posecast.evaluation.metric import FrameMetric, Metric, Scene
+from posecast.evaluation.metric import FrameMetric, Metric, Scene, check_lengths
+from posecast.evaluation.npss import Power, npss
 from posecast.motion.clip import Motion
 from posecast.skeleton import Skeleton
 from posecast.skeleton.kinematics import joint_positions
@@ -24,7 +23,6 @@ CMU_UNIT = 2.54 / 0.45 / 100
 """Metres of the length unit of CMU's files, in which Andreou et al. 2022 seem to have measured."""
 
 CMU = "5.644 cm"
-_TINY = 1e-12  # what the published code adds to totals, so that motionless features do no harm
 
 
 def places(motion: Motion, skeleton: Skeleton) -> Float[Tensor, "batch frames joints 3"]:
@@ -60,7 +58,8 @@ def bone_length_drift(
     found = torch.linalg.vector_norm(predicted.bones, dim=-1).expand(
         *predicted.rotations_local.shape[:2], -1
     )
-    counted = (rest > 0) & (torch.tensor(scene.skeleton.parents) >= 0)
+    has_parent = torch.tensor(scene.skeleton.parents, device=rest.device) >= 0
+    counted = (rest > 0) & has_parent
     return ((found - rest).abs() * counted).sum(-1) / counted.sum(-1).clamp_min(1)
 
 
@@ -84,58 +83,15 @@ def jitter_true(predicted: Motion, target: Motion, scene: Scene) -> Float[Tensor
     return joint_jitter(target, scene).mean(-1)
 
 
-def npss(
-    predicted: Float[Tensor, "batch frames features"],
-    target: Float[Tensor, "batch frames features"],
-    *,
-    power: Literal["real", "full"] = "real",
-) -> Float[Tensor, "batch"]:
-    """Normalized power spectrum similarity, each window's share: their mean is the score.
-
-    For every window and feature, the power over all frequencies of the discrete Fourier transform
-    is divided by its total; the distance of two spectra is the sum of the differences of their
-    running sums (earth mover's); windows and features weigh as much as the truth has power.
-
-    Args:
-        predicted: features over time.
-        target: the truth.
-        power: ``real``: the square of the real part, as both public implementations compute it;
-            ``full``: the squared magnitude, as the paper says.
-
-    Source: Gopalakrishnan et al. 2019, "A neural temporal model for human motion prediction",
-    section 4.2.
-    """
-    spectra = [_power(values, power) for values in (predicted, target)]
-    totals = [spectrum.sum(1, keepdim=True) for spectrum in spectra]
-    tiny = _TINY if bool((totals[1] == 0).any()) else 0.0
-    shares = [
-        torch.cumsum(spectrum / (total + tiny), dim=1)
-        for spectrum, total in zip(spectra, totals, strict=True)
-    ]
-    # A prediction that has no power where the truth has some is as far off as it can be.
-    distance = torch.nan_to_num(shares[0] - shares[1], nan=1.0).abs().sum(1)
-    weight = totals[1].squeeze(1)
-    return len(weight) * (weight * distance).sum(1) / weight.sum()
-
-
-def _power(
-    values: Float[Tensor, "batch frames features"], power: Literal["real", "full"]
-) -> Float[Tensor, "batch frames features"]:
-    spectrum = torch.fft.fft(values, dim=1)
-    return spectrum.real.square() if power == "real" else spectrum.abs().square()
-
-
 @dataclass(frozen=True)
 class Span:
-    """A metric of a prediction's frames 1 up to the horizon, as a whole.
+    """A metric of a prediction's frames 1 up to the horizon as a whole, put on the true body.
 
     Args:
         measure: (places predicted, places true) -> one value a window; of all joints, metres.
-        least: fewest frames it can be taken of.
         with_prefix: whether the frames of the prefix after the first are among them, as they were
             expected one by one (``Scene.replayed``).
-        on_body: whether rotations are put on the true body, or joints stay where they were put.
-        name, title, unit, digits: see ``Metric``.
+        name, title, unit, digits, least_frames: see ``Metric``.
     """
 
     name: str
@@ -143,37 +99,33 @@ class Span:
     unit: str
     measure: Callable[[Tensor, Tensor], Float[Tensor, "batch"]]
     digits: int = 3
-    least: int = 1
+    least_frames: int = 1
     with_prefix: bool = False
-    on_body: bool = True
 
     @property
     def needs_replay(self) -> bool:
         """See ``Metric``."""
         return self.with_prefix
 
+    @property
+    def least_prefix(self) -> int:
+        """See ``Metric``; the first frame of the prefix is nobody's prediction."""
+        return 2 if self.with_prefix else 1
+
     def values(
         self, predicted: Motion, target: Motion, scene: Scene, frames: Sequence[int]
     ) -> Float[Tensor, "batch horizons"]:
-        """See ``Metric.values``.
-
-        Raises:
-            ConfigError: a horizon of too few frames.
-        """
-        if frames[0] < self.least:
-            raise ConfigError(
-                f"metric {self.name!r} needs {self.least} frames; the horizon of "
-                f"{1000 * frames[0] / scene.fps:g} ms has {frames[0]}: leave that horizon out"
-            )
+        """See ``Metric.values``."""
+        given = scene.prefix.root_positions.shape[1]
+        check_lengths(self, prefix=given, frames=frames, fps=scene.fps)
         before = 0
         if self.with_prefix:
             assert scene.replayed is not None
-            before = scene.prefix.root_positions.shape[1] - 1
+            before = given - 1
             predicted = Motion.join_frames([scene.replayed, predicted])
             target = Motion.join_frames([scene.prefix.cut(1), target])
-        if self.on_body:
-            predicted = predicted.rigid._replace(offsets=target.offsets)
-        found, true = (places(motion, scene.skeleton) for motion in (predicted, target))
+        on_body = predicted.rigid._replace(offsets=target.offsets)
+        found, true = (places(motion, scene.skeleton) for motion in (on_body, target))
         return torch.stack(
             [self.measure(found[:, : before + n], true[:, : before + n]) for n in frames], dim=1
         )
@@ -193,13 +145,23 @@ def _acceleration(positions: Tensor) -> Float[Tensor, "batch"]:
     return torch.linalg.vector_norm(torch.diff(positions, n=2, dim=1), dim=-1).mean((1, 2))
 
 
+def _acceleration_error(found: Tensor, true: Tensor) -> Float[Tensor, "batch"]:
+    """What the mean over windows of the acceleration is off by, a share a window, metres a frame^2.
+
+    The mean of what is returned is |mean predicted - mean true|, taken of all windows together: how
+    lively a motion is can be right where which move comes when cannot be known, as ten seconds on.
+    """
+    difference = _acceleration(found) - _acceleration(true)
+    return torch.where(difference.mean() < 0, -difference, difference)
+
+
 def _scaled(
     measure: Callable[[Motion, Motion, Scene], Tensor], unit: float
 ) -> Callable[[Motion, Motion, Scene], Tensor]:
     return lambda predicted, target, scene: measure(predicted, target, scene) / unit
 
 
-def _npss(power: Literal["real", "full"]) -> Callable[[Tensor, Tensor], Tensor]:
+def _npss(power: Power) -> Callable[[Tensor, Tensor], Tensor]:
     return lambda found, true: npss(found.flatten(2), true.flatten(2), power=power)
 
 
@@ -212,9 +174,15 @@ _DISTANCE = "Joint distance on the true body, mean up to the horizon"
 _ACCELERATION = "Joint acceleration of the prediction, mean up to the horizon"
 
 MOTION_METRICS: tuple[Metric, ...] = (
-    Span("npss", "NPSS of joint positions", "1", _npss("real")),
-    Span("npss_full_power", "NPSS of joint positions, full power", "1", _npss("full")),
-    Span("npss_with_prefix", "NPSS, prefix included", "1", _npss("real"), with_prefix=True),
+    Span("npss", "NPSS of joint positions", "dimensionless", _npss("real")),
+    Span("npss_full_power", "NPSS of joint positions, full power", "dimensionless", _npss("full")),
+    Span(
+        "npss_with_prefix",
+        "NPSS, prefix included",
+        "dimensionless",
+        _npss("real"),
+        with_prefix=True,
+    ),
     FrameMetric("euclidean_cm", _DISTANCE, "cm", _scaled(euclidean, _CM), 2, "mean", 0),
     FrameMetric("euclidean_cmu", _DISTANCE, CMU, _scaled(euclidean, CMU_UNIT), 2, "mean", 0),
     Span(
@@ -268,9 +236,9 @@ MOTION_METRICS: tuple[Metric, ...] = (
     ),
     Span(
         "acceleration_error",
-        "Difference of mean joint accelerations, absolute, window by window",
+        "Joint acceleration over all windows, predicted against true",
         "cm/frame^2",
-        lambda found, true: (_acceleration(found) - _acceleration(true)).abs() / _CM,
+        lambda found, true: _acceleration_error(found, true) / _CM,
         3,
         3,
     ),
@@ -283,7 +251,14 @@ MOTION_METRICS: tuple[Metric, ...] = (
         "mean",
     ),
     FrameMetric(
-        "jitter", "Jitter of the prediction, mean up to the horizon", "m/s^3", jitter, 1, "mean", 0
+        "jitter",
+        "Jitter of the prediction, mean up to the horizon",
+        "m/s^3",
+        jitter,
+        1,
+        "mean",
+        0,
+        least_prefix=3,
     ),
     FrameMetric(
         "jitter_true",
@@ -293,5 +268,6 @@ MOTION_METRICS: tuple[Metric, ...] = (
         1,
         "mean",
         0,
+        least_prefix=3,
     ),
 )

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol, runtime_checkable
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import torch
 
 from posecast.errors import ConfigError
+from posecast.evaluation.metric import Scene
+from posecast.evaluation.times import Frames
 from posecast.geometry import quaternion
 from posecast.motion.clip import Motion
 from posecast.motion.corpus import Corpus, Window
@@ -31,32 +33,57 @@ class Replayer(Protocol):
         ...
 
 
-def run_replay(predictor: Predictor, known: Motion) -> Motion:
-    """What a predictor expected of the prefixes' frames after the first.
+class Outcome(NamedTuple):
+    """What metrics are shown of some windows, float64.
 
-    Raises:
-        ConfigError: it cannot say, or the prefix is a single frame.
+    Args:
+        predicted: what the predictor said, in the frames after the prefix.
+        target: what was true.
+        scene: skeleton, frame rate, prefix, and what was expected of it where that was asked for.
     """
-    name = type(predictor).__name__
-    if not isinstance(predictor, Replayer):
-        raise ConfigError(
-            f"{name} has no replay(prefix), which metrics 'with prefix' need; leave these out"
-        )
-    if known.root_positions.shape[1] < 2:
-        raise ConfigError("metrics 'with prefix' need a prefix of two frames or more")
-    with torch.no_grad():
-        return _checked(predictor.replay(known), known.cut(1), name)
+
+    predicted: Motion
+    target: Motion
+    scene: Scene
 
 
 def run_predictor(
-    predictor: Predictor, corpus: Corpus, windows: Sequence[Window], prefix: int, horizon: int
-) -> tuple[Motion, Motion, Motion]:
-    """Prefix, prediction and truth of some windows, float64."""
+    predictor: Predictor,
+    corpus: Corpus,
+    windows: Sequence[Window],
+    frames: Frames,
+    *,
+    replay: bool = False,
+    batch: int = 256,
+) -> Outcome:
+    """Predict some windows as far as the furthest horizon.
+
+    Args:
+        predictor: given prefixes in float64; what it returns may have any precision.
+        corpus: where the windows are.
+        windows: at least one.
+        frames: of the prefix and the horizons.
+        replay: whether to ask it for the prefix's frames as well, see ``Replayer``.
+        batch: windows a call.
+
+    Raises:
+        ConfigError: what it returns is not what was asked for.
+    """
+    prefix, horizon = frames.prefix, frames.horizons[-1]
     whole = _gather(corpus, windows, prefix + horizon)
     known, target = whole.cut(0, prefix), whole.cut(prefix)
+    name = type(predictor).__name__
+    predicted: list[Motion] = []
+    replayed: list[Motion] = []
     with torch.no_grad():
-        predicted = predictor.predict(known, horizon)
-    return known, _checked(predicted, target, type(predictor).__name__), target
+        for piece, truth in zip(known.split(batch), target.split(batch), strict=True):
+            found = predictor.predict(piece, horizon)
+            predicted.append(_checked(found, truth, f"{name}.predict"))
+            if replay and isinstance(predictor, Replayer):
+                found = predictor.replay(piece)
+                replayed.append(_checked(found, piece.cut(1), f"{name}.replay"))
+    again = Motion.join(replayed) if replayed else None
+    return Outcome(Motion.join(predicted), target, Scene(corpus.skeleton, corpus.fps, known, again))
 
 
 def _gather(corpus: Corpus, windows: Sequence[Window], length: int) -> Motion:
@@ -71,7 +98,7 @@ def _gather(corpus: Corpus, windows: Sequence[Window], length: int) -> Motion:
     )
 
 
-def _checked(predicted: Motion, target: Motion, name: str) -> Motion:
+def _checked(predicted: Motion, target: Motion, call: str) -> Motion:
     """The prediction in the target's precision and place, if it is what was asked for."""
     moved = predicted.translations_local
     pairs = {
@@ -83,20 +110,20 @@ def _checked(predicted: Motion, target: Motion, name: str) -> Motion:
     for field, (found, expected) in pairs.items():
         if found.shape != expected.shape:
             raise ConfigError(
-                f"{name}.predict returned {field} of shape {tuple(found.shape)}; expected "
+                f"{call} returned {field} of shape {tuple(found.shape)}; expected "
                 f"{tuple(expected.shape)}: windows, then only the {expected.shape[1]} new frames"
             )
         if not torch.isfinite(found).all():
             bad = int((~torch.isfinite(found)).flatten(1).any(1).sum())
             raise ConfigError(
-                f"{name}.predict returned {field} that are not finite in {bad} of {len(found)} "
+                f"{call} returned {field} that are not finite in {bad} of {len(found)} "
                 "windows; the model has diverged"
             )
     rotations = predicted.rotations_local.to(target.rotations_local)
     worst = float((torch.linalg.vector_norm(rotations, dim=-1) - 1).abs().max())
     if worst > 1e-3:
         raise ConfigError(
-            f"{name}.predict returned quaternions whose length is off 1 by up to {worst:.3g}; "
+            f"{call} returned quaternions whose length is off 1 by up to {worst:.3g}; "
             "expected unit quaternions: normalize them"
         )
     return Motion(

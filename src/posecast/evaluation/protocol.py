@@ -6,17 +6,16 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from torch import Tensor
-
 from posecast.config import check_call, did_you_mean, pick_kind
 from posecast.errors import ConfigError
-from posecast.evaluation.metric import Scene
+from posecast.evaluation.baselines import BASELINE_NAMES
+from posecast.evaluation.measuring import measure
+from posecast.evaluation.metric import check_lengths
 from posecast.evaluation.metrics import METRICS
-from posecast.evaluation.prediction import Predictor, run_predictor, run_replay
+from posecast.evaluation.prediction import Predictor
 from posecast.evaluation.scores import Milliseconds, Scores, list_ms
 from posecast.evaluation.times import Frames, frame_of
 from posecast.evaluation.windows import Grid, LegacyDraws, Sampling
-from posecast.motion.clip import Motion
 from posecast.motion.corpus import Corpus
 
 SHORT_TERM_MS: tuple[Milliseconds, ...] = (80, 160, 320, 400)
@@ -26,7 +25,7 @@ SHORT_TERM_MS: tuple[Milliseconds, ...] = (80, 160, 320, 400)
 class Protocol:
     """A way to compare predictors; published ones are in ``PROTOCOLS``.
 
-    The value of a row is the metric at the horizon's frame, mean over the windows.
+    The value of a row is the metric at the horizon or up to it, mean over the windows.
 
     Args:
         name: what tables call it.
@@ -35,7 +34,7 @@ class Protocol:
         horizons_ms: when the prediction is compared, ascending, milliseconds.
         metrics: names in ``METRICS``.
         fps: frame rate that the windows are defined at; ``None`` takes the corpus's.
-        baselines: names of the baselines in every table, see ``report.make_baseline``.
+        baselines: names of the baselines in every table, see ``BASELINE_NAMES``.
         notes: what should be read beside its tables; full sentences.
     """
 
@@ -58,28 +57,35 @@ class Protocol:
             raise ConfigError(
                 f"protocol {self.name!r}: no metrics; expected some of {', '.join(METRICS)}"
             )
-        for metric in self.metrics:
-            if metric not in METRICS:
-                raise ConfigError(
-                    f"protocol {self.name!r}: unknown metric {metric!r}; "
-                    f"{did_you_mean(metric, METRICS)}"
-                )
+        for what, names, known in (
+            ("metric", self.metrics, METRICS),
+            ("baseline", self.baselines, BASELINE_NAMES),
+        ):
+            for name in names:
+                if name not in known:
+                    raise ConfigError(
+                        f"protocol {self.name!r}: unknown {what} {name!r}; "
+                        f"{did_you_mean(name, known)}"
+                    )
 
     def frames(self, fps: float) -> Frames:
         """Prefix and horizons in frames.
 
         Raises:
-            ConfigError: a time does not fall on a frame, or the frame rate is not the protocol's.
+            ConfigError: a time does not fall on a frame or is too short for a metric, or the frame
+                rate is not the protocol's.
         """
         if self.fps is not None and fps != self.fps:
             raise ConfigError(
                 f"protocol {self.name!r} is defined at {self.fps:g} fps; this corpus has "
                 f"{fps:g}. Build the corpus at {self.fps:g} fps"
             )
-        return Frames(
-            frame_of(self.prefix_ms, fps, f"protocol {self.name!r}, prefix"),
-            tuple(frame_of(ms, fps, f"protocol {self.name!r}, horizon") for ms in self.horizons_ms),
-        )
+        what = f"protocol {self.name!r}"
+        prefix = frame_of(self.prefix_ms, fps, f"{what}, prefix")
+        horizons = tuple(frame_of(ms, fps, f"{what}, horizon") for ms in self.horizons_ms)
+        for metric in self.metrics:
+            check_lengths(METRICS[metric], prefix=prefix, frames=horizons, fps=fps)
+        return Frames(prefix, horizons)
 
     def windows(self, corpus: Corpus, split: str = "test") -> Sampling:
         """The windows on a corpus, grouped by action: the same on every machine."""
@@ -108,35 +114,14 @@ class Protocol:
         """
         if len(corpus.skeleton) < 2:
             raise ConfigError(f"corpus {corpus.name!r} has no joint below the root to measure")
-        sampling = self.windows(corpus, split)
-        prefix, horizons = self.frames(corpus.fps)
-        values: dict[tuple[str, str], Tensor] = {}
-        for group in sampling.groups:
-            parts = [
-                run_predictor(
-                    predictor, corpus, group.windows[first : first + batch], prefix, horizons[-1]
-                )
-                for first in range(0, len(group.windows), batch)
-            ]
-            known, predicted, target = (
-                Motion.join(motions) for motions in zip(*parts, strict=True)
-            )
-            replayed = None
-            if any(METRICS[metric].needs_replay for metric in self.metrics):
-                pieces = [run_replay(predictor, piece) for piece in known.split(batch)]
-                replayed = Motion.join(pieces)
-            scene = Scene(corpus.skeleton, corpus.fps, known, replayed)
-            for metric in self.metrics:
-                values[group.name, metric] = METRICS[metric].values(
-                    predicted, target, scene, horizons
-                )
+        sampling, frames = self.windows(corpus, split), self.frames(corpus.fps)
         return Scores(
             system=system or type(predictor).__name__,
             corpus=corpus.name,
             protocol=self.name,
             split=split,
             horizons_ms=self.horizons_ms,
-            values=values,
+            values=measure(predictor, corpus, sampling.groups, frames, self.metrics, batch=batch),
             expected=sampling.expected,
             missing=sampling.missing,
             notes=(*sampling.notes, *self.notes),
@@ -192,8 +177,6 @@ def short_term(
         metrics: names in ``METRICS``.
         group_by: label of the clips that makes the lines of the table.
     """
-    if stride < 1:
-        raise ConfigError(f"protocol 'short-term': stride {stride}; expected at least 1 frame")
     return Protocol(
         name="short-term",
         sampling=Grid(stride, group_by),
@@ -215,10 +198,10 @@ def h36m_long(horizons_ms: Sequence[Milliseconds] = LONG_MS) -> Protocol:
         _h36m("h36m-long", 4, horizons_ms),
         baselines=("zero-velocity", "running-average-2", "running-average-4", "mean-pose"),
         notes=(
-            "The paper does not say how many windows; its horizons are those of QuaterNet's test "
-            "script, which takes 8 an action.",
-            "Its numbers lose to zero velocity and to the training-mean pose beyond about 0.8 s "
-            "(1 s: 2.06 and 2.30 against about 1.80), so horizons past that say little.",
+            "Andreou et al. 2022 do not say how many windows they take; their horizons are those "
+            "of QuaterNet's test, which takes 8 an action.",
+            "Both systems they print lose to zero velocity from 0.8 s on, and from 2 s on to the "
+            "mean pose of the training clips, too; there a lower number than theirs says little.",
         ),
     )
 
@@ -239,8 +222,8 @@ def cmu_acrnn(
 ) -> Protocol:
     """10 frames of prefix at 30 fps, windows every 7 frames, at most 400, 3 to 300 frames ahead.
 
-    Averages are over all frames up to the horizon. Whether the paper's take in the ten frames of
-    the prefix is not known, so both are printed; nor is its unit, so both are.
+    Averages are over all frames up to the horizon, with and without the prefix, and in two units,
+    because the paper does not say which it prints.
 
     Args:
         horizons_ms: how far averages reach.
@@ -250,19 +233,18 @@ def cmu_acrnn(
 
     Source: Andreou et al. 2022, section 6 and Table 1.
     """
-    if stride < 1 or limit < 1:
-        raise ConfigError(f"protocol 'cmu-acrnn': stride {stride}, limit {limit}; expected >= 1")
     return Protocol(
         name="cmu-acrnn",
-        sampling=Grid(stride, limit=limit),
+        sampling=Grid(stride, None, limit),
         prefix_ms=1000 / 3,
         horizons_ms=tuple(horizons_ms),
         metrics=tuple(metrics),
         fps=30.0,
         baselines=("zero-velocity", "running-average-2", "mean-pose"),
         notes=(
-            "The paper prints no unit; 5.644 cm, CMU's, is inferred. Its 300 frames (10 000 ms) "
-            "are for the acceleration alone.",
+            "Andreou et al. 2022 print no unit (that of CMU's files, 5.644 cm, is inferred), nor "
+            "which subject they test on (86 is likely), nor whether the prefix counts; their "
+            "300 frames (10 000 ms) are for the acceleration alone.",
         ),
     )
 
@@ -287,10 +269,6 @@ def cross_skeleton(
 
     Source: after Andreou et al. 2022, section 7.3, which shows pictures and no numbers.
     """
-    if stride < 1 or (limit is not None and limit < 1):
-        raise ConfigError(
-            f"protocol 'cross-skeleton': stride {stride}, limit {limit}; expected at least 1"
-        )
     return Protocol(
         name="cross-skeleton",
         sampling=Grid(stride, "scenario", limit),

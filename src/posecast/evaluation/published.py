@@ -51,6 +51,12 @@ PRINTED_NAMES: Mapping[str, tuple[str, ...]] = {
 # baselines the two are the same number; printed numbers stand beside both.
 _SAME_IN_PRINT = {"euler_all": "euler"}
 
+# The same windows with other horizons: what is printed for one holds for the other.
+_SAME_WINDOWS = {
+    "h36m-standard": ("h36m-standard", "h36m-long"),
+    "h36m-long": ("h36m-long", "h36m-standard"),
+}
+
 
 class Published(NamedTuple):
     """A printed number.
@@ -135,10 +141,15 @@ def find_published(
     if action == AVERAGE and not complete:
         return None
     names = PRINTED_NAMES.get(system, ())
-    wanted = protocol, _SAME_IN_PRINT.get(metric, metric)
-    for table in published_tables():
-        if (table.protocol, table.metric) != wanted or horizon_ms not in table.horizons_ms:
-            continue
+    protocols = _SAME_WINDOWS.get(protocol, (protocol,))
+    tables = [
+        table
+        for wanted in protocols
+        for table in published_tables()
+        if (table.protocol, table.metric) == (wanted, _SAME_IN_PRINT.get(metric, metric))
+        and horizon_ms in table.horizons_ms
+    ]
+    for table in tables:
         for name in names:
             if action in table.systems.get(name, {}):
                 column = table.horizons_ms.index(horizon_ms)

@@ -5,62 +5,26 @@ from __future__ import annotations
 import csv
 import io
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import torch
-from torch import Tensor
 
-from posecast.config import did_you_mean
 from posecast.errors import ConfigError
+from posecast.evaluation.baselines import (
+    BASELINE_NAMES,
+    MEAN_POSE,
+    has_training_clips,
+    make_baseline,
+)
+from posecast.evaluation.bootstrap import bootstrap
 from posecast.evaluation.metrics import METRICS
 from posecast.evaluation.prediction import Predictor
 from posecast.evaluation.protocol import Protocol
 from posecast.evaluation.published import Published, find_published
 from posecast.evaluation.scores import AVERAGE, Milliseconds, Scores
-from posecast.model.baselines import MeanPose, RunningAverage, ZeroVelocity
 from posecast.motion.corpus import Corpus
-
-BASELINES: Mapping[str, Predictor] = {
-    "zero-velocity": ZeroVelocity(),
-    "running-average-2": RunningAverage(2),
-    "running-average-4": RunningAverage(4),
-}
-"""Baselines that know no corpus."""
-
-MEAN_POSE = "mean-pose"
-BASELINE_NAMES = (*BASELINES, MEAN_POSE)
-
-
-def make_baseline(name: str, corpus: Corpus) -> Predictor:
-    """A baseline by name; ``mean-pose`` is taken from the training split.
-
-    Raises:
-        ConfigError: no baseline has this name, or there are no training clips for the mean.
-    """
-    if name in BASELINES:
-        return BASELINES[name]
-    if name != MEAN_POSE:
-        raise ConfigError(f"unknown baseline {name!r}; {did_you_mean(name, BASELINE_NAMES)}")
-    if not corpus.splits.get("train"):
-        raise ConfigError(f"corpus {corpus.name!r} has no training clips to take a mean pose of")
-    return MeanPose.of(corpus.split("train"))
-
-
-def baseline_scores(
-    protocol: Protocol, corpus: Corpus, split: str = "test", *, without: str = ""
-) -> tuple[Scores, ...]:
-    """Scores of a protocol's baselines on a corpus, but for one.
-
-    The mean pose is left out where the corpus has no training clips.
-    """
-    trained = bool(corpus.splits.get("train"))
-    return tuple(
-        protocol.score(make_baseline(name, corpus), corpus, split, system=name)
-        for name in protocol.baselines
-        if name != without and (trained or name != MEAN_POSE)
-    )
 
 
 class Line(NamedTuple):
@@ -85,13 +49,6 @@ class Line(NamedTuple):
     std: float | None
     windows: int
     published: Published | None
-
-
-class Interval(NamedTuple):
-    """Ends of a bootstrap interval, one a horizon."""
-
-    low: tuple[float, ...]
-    high: tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -245,6 +202,20 @@ class Report:
         return notes
 
 
+def baseline_scores(
+    protocol: Protocol, corpus: Corpus, split: str = "test", *, without: str = ""
+) -> tuple[Scores, ...]:
+    """Scores of a protocol's baselines on a corpus, but for one.
+
+    The mean pose is left out where the corpus has no training clips.
+    """
+    return tuple(
+        protocol.score(make_baseline(name, corpus), corpus, split, system=name)
+        for name in protocol.baselines
+        if name != without and (name != MEAN_POSE or has_training_clips(corpus))
+    )
+
+
 def evaluate(
     predictors: Predictor | Sequence[Predictor],
     protocol: Protocol,
@@ -264,33 +235,6 @@ def evaluate(
         runs=tuple(protocol.score(run, corpus, split, system=system) for run in runs),
         baselines=baseline_scores(protocol, corpus, split, without=system),
     )
-
-
-def bootstrap(
-    groups: Sequence[Tensor],
-    *,
-    generator: torch.Generator,
-    level: float = 0.95,
-    resamples: int = 2000,
-) -> Interval:
-    """Percentile interval of the average over actions, resampling windows within each action.
-
-    Windows may overlap, so the true uncertainty is larger: a lower bound, not a promise.
-
-    Args:
-        groups: values (windows, horizons) of each action.
-        generator: makes the draws.
-        level: share of the resampled averages between the ends.
-        resamples: how many averages are drawn.
-    """
-    draws = []
-    for values in groups:
-        chosen = torch.randint(len(values), (resamples, len(values)), generator=generator)
-        draws.append(values[chosen].mean(1))
-    averages = torch.stack(draws).mean(0)
-    tails = averages.new_tensor([(1 - level) / 2, (1 + level) / 2])
-    low, high = torch.quantile(averages, tails, dim=0)
-    return Interval(tuple(low.tolist()), tuple(high.tolist()))
 
 
 def _lines(runs: Sequence[Scores]) -> tuple[Line, ...]:

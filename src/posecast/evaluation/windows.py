@@ -178,13 +178,25 @@ class Grid:
 
     Args:
         stride: frames from the start of one window to that of the next.
-        group_by: label to group by; clips without it are grouped as ``all``.
+        group_by: label to group by; clips without it are grouped as ``all``, and all clips are with
+            ``None``.
         limit: most windows of a group, spread evenly over all on the grid; ``None``: all of them.
+
+    Raises:
+        ConfigError: a stride or a limit below one.
     """
 
     stride: int
-    group_by: str = "action"
+    group_by: str | None = "action"
     limit: int | None = None
+
+    def __post_init__(self) -> None:
+        if self.stride < 1:
+            raise ConfigError(f"windows on a grid, stride {self.stride}; expected at least 1 frame")
+        if self.limit is not None and self.limit < 1:
+            raise ConfigError(
+                f"windows on a grid, limit {self.limit}; expected at least 1, or none"
+            )
 
     def sample(self, corpus: Corpus, split: str, length: int) -> Sampling:
         """All windows of ``length`` frames on the grid.
@@ -206,7 +218,7 @@ class Grid:
             if not starts:
                 short.append(clip.name or f"clip {index}")
                 continue
-            name = clip.labels.get(self.group_by, "all")
+            name = "all" if self.group_by is None else clip.labels.get(self.group_by, "all")
             grouped.setdefault(name, []).extend(Window(clip=index, start=start) for start in starts)
         if not grouped:
             raise ConfigError(
@@ -219,7 +231,10 @@ class Grid:
         ]
         for name, windows in grouped.items():
             if self.limit is not None and len(windows) > self.limit:
-                notes.append(f"Of the {len(windows)} windows of {name}, {self.limit} are taken.")
+                notes.append(
+                    f"Of the {len(windows)} windows of {name!r}, {self.limit} spread evenly over "
+                    "them are taken."
+                )
                 grouped[name] = _spread(windows, self.limit)
         if short:
             notes.append(f"Left out because shorter than a window: {_some(short)}.")

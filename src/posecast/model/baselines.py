@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import torch
@@ -88,21 +88,24 @@ class MeanPose:
     rotations_local: Float[Tensor, "joints 4"]
 
     @classmethod
-    def of(cls, clips: Sequence[Clip]) -> MeanPose:
-        """The mean over all frames of some clips: for each joint the rotation nearest to all.
+    def of(cls, clips: Iterable[Clip]) -> MeanPose:
+        """The mean of each joint's local rotation over all frames of some clips, alike in weight.
 
-        Source: the least sum of squared distances of matrices, that is the rotation nearest to
-        their mean (Moakher 2002); where it faces is averaged, too.
+        It has the least sum of squared distances of matrices: the rotation nearest to their mean,
+        which for unit quaternions is the first eigenvector of the sum of q q^T. Where the body
+        faces is averaged with the rest.
+
+        Source: Moakher 2002, "Means and averaging in the group of rotations".
 
         Raises:
             ConfigError: no clips.
         """
-        if not clips:
+        sums = [
+            conversions.quaternion_to_matrix(clip.rotations_local.double()).sum(0) for clip in clips
+        ]
+        if not sums:
             raise ConfigError("a mean pose needs at least one clip; found none")
-        total = torch.zeros(len(clips[0].skeleton), 3, 3, dtype=torch.float64)
-        for clip in clips:
-            total = total + conversions.quaternion_to_matrix(clip.rotations_local.double()).sum(0)
-        mean = conversions.nearest_rotation(total)
+        mean = conversions.nearest_rotation(torch.stack(sums).sum(0))
         return cls(conversions.matrix_to_quaternion(mean))
 
     def predict(self, prefix: Motion, horizon: int) -> Motion:

@@ -6,6 +6,7 @@ level at a time; back is one product for all joints at once.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import torch
@@ -13,8 +14,10 @@ from jaxtyping import Float
 from torch import Tensor
 
 from posecast.geometry import dual_quaternion, quaternion
+from posecast.skeleton.dual_planes import local_motion, root_duals
 from posecast.skeleton.kinematics import check_joints, forward_kinematics, root_to_local
 from posecast.skeleton.skeleton import Skeleton
+from posecast.skeleton.tree_plan import tree_plan
 
 
 class LocalMotion(NamedTuple):
@@ -52,6 +55,19 @@ def local_to_root_dual(
 
     Source: the dual part is 1/2 (0, t) r of the position t and the rotation r in the root's frame.
     """
+    if _plain(rotations_local, translations_local):
+        joints, batch = len(skeleton), rotations_local.shape[:-2]
+        check_joints(skeleton, rotations_local.shape[-2])
+        check_joints(skeleton, translations_local.shape[-2])
+        bodies = translations_local
+        if math.prod(bodies.shape[:-2]) > 1:
+            bodies = bodies.expand(*batch, joints, 3)
+        found = root_duals(
+            tree_plan(skeleton, rotations_local.device),
+            rotations_local.reshape(-1, joints, 4),
+            bodies.reshape(-1, joints, 3),
+        )
+        return found.reshape(*batch, joints, 8)
     world = forward_kinematics(skeleton, rotations_local, translations_local, None)
     return dual_quaternion.from_rotation_translation(world.rotations, world.positions)
 
@@ -78,11 +94,25 @@ def root_to_local_motion(
     Raises:
         SkeletonError: the number of joints is not that of the skeleton.
     """
+    check_joints(skeleton, dual_root.shape[-2])
+    if _plain(dual_root):
+        parents = torch.tensor(skeleton.parents, device=dual_root.device)
+        poses = dual_root.reshape(-1, *dual_root.shape[-2:])
+        turns, moves = local_motion(parents, poses)
+        shape = dual_root.shape[:-1]
+        return LocalMotion(turns.reshape(*shape, 4), moves.reshape(*shape, 3))
     rotations = dual_root[..., :4]
     positions = dual_quaternion.translation(dual_root)
     return LocalMotion(
         root_to_local(skeleton, rotations), from_parents(skeleton, rotations, positions)
     )
+
+
+def _plain(*tensors: Tensor) -> bool:
+    """Whether nobody asks for a gradient and no compiler looks on: planes are faster then."""
+    if torch.compiler.is_compiling():
+        return False
+    return not (torch.is_grad_enabled() and any(tensor.requires_grad for tensor in tensors))
 
 
 def from_parents(

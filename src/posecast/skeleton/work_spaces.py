@@ -104,11 +104,15 @@ class PlacingSpace:
 
     def place(self, roots: Float[Tensor, "poses 3"] | None) -> Float[Tensor, "poses joints 3"]:
         """Positions, summed up in place of the bones."""
+        return from_planes(self.places(roots))
+
+    def places(self, roots: Float[Tensor, "poses 3"] | None) -> Float[Tensor, "joints 3 poses"]:
+        """The same as planes."""
         if roots is not None:
             self.bones[: self.plan.roots] += roots.t()
         for joints, parents in self.sums:
             joints += parents
-        return from_planes(torch.index_select(self.bones, 0, self.plan.places, out=self.placed))
+        return torch.index_select(self.bones, 0, self.plan.places, out=self.placed)
 
 
 class PullingSpace:

@@ -1,0 +1,159 @@
+"""Comparing systems and rolling them out for long, on a tiny synthetic corpus."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+from posecast.cli.comparing import short_names
+from posecast.cli.main import main
+from posecast.system import load
+
+TINY = (
+    *("corpus.clips=10", "corpus.seconds=6", "model.backbone.hidden=8", "model.backbone.layers=1"),
+    *("training.epochs=2", "training.batch=2", "training.horizon=6", "training.validate_every=1"),
+    "training.sampling={kind: random_recordings, steps_per_epoch: 2, weight: equal}",
+    "training.select_best_by=euclidean_cm_1000ms",
+    "protocol={kind: cmu-acrnn, horizons_ms: [100, 1000], stride: 60,"
+    " metrics: [npss, euclidean_cm, euclidean_with_prefix_cm, emitted_cm, bone_length_drift]}",
+)
+ROWS = ("acrnn-quaternion-small", "acrnn-dual-quaternion-all-small", "acrnn-positions-small")
+
+
+@pytest.fixture(scope="module")
+def compared(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A comparison of three representations, two seeds each."""
+    out = tmp_path_factory.mktemp("compared")
+    _run("compare", *ROWS, *TINY, "--corpus", "synthetic", "--seeds", "2", "--out", out, "--quiet")
+    return out
+
+
+def _run(*arguments: object) -> None:
+    try:
+        main([str(argument) for argument in arguments])
+    except SystemExit as stop:
+        assert stop.code in (0, None)  # noqa: PT017
+
+
+def test_a_comparison_has_a_row_for_every_system_and_baseline(compared: Path) -> None:
+    text = (compared / "comparison.md").read_text("utf-8")
+    assert "**3 systems on equal terms**: corpus synthetic, protocol cmu-acrnn, 2 seeds" in text
+    for name in ROWS:
+        assert text.count(f"| {name} |") == 6  # costs, and five metrics
+    for name in ("zero-velocity", "mean-pose"):
+        assert text.count(f"| {name} |") == 5
+    content = json.loads((compared / "comparison.json").read_text("utf-8"))
+    assert [system["system"] for system in content["systems"]] == list(ROWS)
+    for system in content["systems"]:
+        assert len(system["seeds"]) == len(system["training_seconds"]) == 2
+        assert system["parameters"] > 1000
+        assert system["step_ms"] > 0
+        assert [updates for updates, _ in system["validation"][0]] == [2, 4]
+
+
+def test_only_what_can_stretch_does(compared: Path) -> None:
+    content = json.loads((compared / "comparison.json").read_text("utf-8"))
+    drift = {
+        system["system"]: [
+            row["value"] for row in system["seeds"][0] if row["metric"] == "bone_length_drift"
+        ]
+        for system in content["systems"]
+    }
+    assert max(drift["acrnn-quaternion-small"]) == 0
+    assert min(drift["acrnn-dual-quaternion-all-small"]) > 0
+    assert min(drift["acrnn-positions-small"]) > 0
+
+
+def test_a_comparison_is_drawn(compared: Path) -> None:
+    with Image.open(compared / "comparison.gif") as film:
+        assert film.n_frames > 10
+        assert film.width > 3 * film.height / 2  # four panels side by side
+    with Image.open(compared / "convergence.png") as plot:
+        assert plot.width > 400
+
+
+def test_what_is_trained_is_not_trained_again(compared: Path) -> None:
+    before = {path: path.stat().st_mtime_ns for path in compared.rglob("state.safetensors")}
+    assert len(before) == 6
+    again = ("compare", *ROWS[:2], *TINY, "--corpus", "synthetic", "--seeds", "1", "--out")
+    _run(*again, compared, "--quiet")
+    assert all(path.stat().st_mtime_ns == then for path, then in before.items())
+    text = (compared / "comparison.md").read_text("utf-8")
+    assert "**2 systems on equal terms**" in text
+    assert "±" not in text.split("\n- ")[0].replace("mean ± standard deviation", "")
+
+
+def test_unequal_terms_are_refused_before_anything_is_trained(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as stopped:
+        main(
+            [
+                *("compare", "acrnn-quaternion-small", "quaternet-vel-small"),
+                *("--corpus", "synthetic", "--out", str(tmp_path / "out")),
+            ]
+        )
+    assert stopped.value.code == 2
+    said = capsys.readouterr().err
+    assert "not on equal terms: fps is 30 and 25" in said
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_recipe_named_twice_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as stopped:
+        main(["compare", "acrnn-quaternion", "acrnn-quaternion", "--out", str(tmp_path / "out")])
+    assert stopped.value.code == 2
+    assert "a recipe is named twice" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("names", "short"),
+    [
+        (ROWS, ["quaternion", "dual-quaternion-all", "positions"]),
+        (("a-b-small", "a-b-x-small"), ["b", "b-x"]),
+        (("alone-small",), ["alone-small"]),
+    ],
+)
+def test_titles_leave_out_what_all_names_share(names: tuple[str, ...], short: list[str]) -> None:
+    assert short_names(names) == short
+
+
+@pytest.mark.parametrize("name", ROWS)
+def test_long_rollouts_are_held_against_the_training_set(
+    compared: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str
+) -> None:
+    checkpoint = compared / name / "0" / "best"
+    _run("endure", checkpoint, "--frames", "130", "--starts", "2", "--out", tmp_path / "end")
+    facts = json.loads(capsys.readouterr().out)
+    assert (facts["frames"], facts["rollouts"], facts["seconds"]) == (130, 2, 4)
+    assert 0 <= facts["frozen_share"] <= 1
+    assert facts == json.loads((tmp_path / "end" / "endurance.json").read_text("utf-8"))
+    rows = (tmp_path / "end" / "endurance.csv").read_text("utf-8").splitlines()
+    assert len(rows) == 1 + 2 * 4
+    for picture in ("endurance.png", "end.png"):
+        with Image.open(tmp_path / "end" / picture) as opened:
+            assert opened.width > 300
+
+
+@pytest.mark.parametrize("name", ROWS)
+def test_a_forecast_of_any_representation_goes_out_as_bvh(
+    compared: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str
+) -> None:
+    from posecast.corpora.synthetic import make_clip
+    from posecast.io import read_clip, write_clip
+
+    system = load(compared / name / "0" / "best")
+    clip = make_clip(0, fps=30.0, seconds=3.0)
+    write_clip(clip, tmp_path / "walk.bvh")
+    out = tmp_path / "out.bvh"
+    _run("forecast", compared / name / "0" / "best", tmp_path / "walk.bvh", "--out", out)
+    continued = read_clip(out)
+    assert continued.skeleton.names == system.skeleton.names
+    assert continued.frames == clip.frames + 30
+    said = capsys.readouterr().err
+    assert ("the twist of each bone" in said) == ("positions" in name)
