@@ -9,12 +9,21 @@ from collections.abc import Callable
 from pathlib import Path
 
 import torch
-from benchmarks import bvh, dual_quaternions, kinematics, rollout, sampling, training_step
+from benchmarks import (
+    bvh,
+    dual_quaternions,
+    kinematics,
+    representations,
+    rollout,
+    sampling,
+    training_step,
+)
 from benchmarks.timing import table
 
 BENCHMARKS: dict[str, Callable[[], list[dict[str, object]]]] = {
     "kinematics": kinematics.run,
     "dual_quaternions": dual_quaternions.run,
+    "representations": representations.run,
     "bvh": bvh.run,
     "training_step": training_step.run,
     "sampling": sampling.run,

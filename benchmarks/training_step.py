@@ -18,7 +18,8 @@ from posecast.model import DenseHead, Forecaster, GRUBackbone, rollout
 from posecast.model.products import Weight, exact_products
 from posecast.representation import Codec, Quaternion
 from posecast.skeleton import Skeleton
-from posecast.training.losses import Comparison, Objective
+from posecast.training.comparison import Comparison
+from posecast.training.objective import Objective
 
 BATCH, PREFIX, HORIZON = 60, 50, 10
 JOINTS, HIDDEN, LAYERS = 32, 1000, 2
@@ -138,7 +139,9 @@ def _loss(forecaster: Forecaster, mask: list[bool], *, plain: bool) -> Tensor:
         codec=forecaster.codec,
         predicted=predicted,
         raw=raw,
+        emitted=predicted,
         target=truth,
+        last=truth[:, 0],
         offsets=torch.zeros(BATCH, JOINTS, 3),
     )
     return Objective({"euler": 1.0, "penalty": 0.01})(comparison).total

@@ -82,6 +82,27 @@ def test_with_and_without_a_gradient_the_numbers_are_the_same(pose):
     assert nothing.translations.shape == (0, 3, 7, 3)
 
 
+def test_they_agree_with_pymotion_where_the_root_is_not_turned(generator):
+    # PyMotion leaves the root's own rotation out of the chain; below an unturned root both agree.
+    theirs = pytest.importorskip("pymotion.ops.skeleton_torch")
+    tree = Skeleton(("hips", "spine", "arm", "hand", "leg"), (-1, 0, 1, 2, 0))
+    turns = quaternion.normalize(torch.randn(20, 5, 4, dtype=torch.float64, generator=generator))
+    turns[:, 0] = quaternion.identity(20, like=turns)
+    body = torch.randn(5, 3, dtype=torch.float64, generator=generator)
+    body[0] = 0
+    parents = torch.tensor(tree.parents).clamp_min(0)
+    origin = torch.zeros(20, 3, dtype=torch.float64)
+    dual = local_to_root_dual(tree, turns, body)
+    expected = theirs.to_root_dual_quat(turns, origin, parents, body)
+    torch.testing.assert_close(dual[:, 1:], expected[:, 1:])
+    motion = root_to_local_motion(tree, dual)
+    moved, turned = sorted(
+        theirs.from_root_dual_quat(expected.clone(), parents), key=lambda part: part.shape[-1]
+    )
+    torch.testing.assert_close(motion.rotations[:, 1:], turned[:, 1:])
+    torch.testing.assert_close(motion.translations[:, 1:], moved[:, 1:])
+
+
 def test_one_body_serves_all_poses(pose):
     turns, moved = pose
     body = moved[0, 0]
