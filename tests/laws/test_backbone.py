@@ -29,8 +29,13 @@ CUTS = [[1, 9], [4, 6], [9, 1], [3, 3, 4], [1] * 10]
 
 
 @pytest.fixture(params=CASES, ids=lambda case: "-".join(map(str, (case[0], *case[1].values()))))
-def backbone(request):
-    kind, options = request.param
+def case(request):
+    return request.param
+
+
+@pytest.fixture
+def backbone(case):
+    kind, options = case
     made = BACKBONES[kind](5, **options).double()
     made.reset_parameters(torch.Generator().manual_seed(2))
     return made
@@ -74,13 +79,17 @@ def test_gradients_do_not_care_how_frames_are_chunked(backbone, lengths, frames)
         torch.testing.assert_close(one, other, atol=1e-11, rtol=0)
 
 
-def test_no_frame_has_an_influence_on_an_earlier_one(backbone, frames):
+def test_no_frame_has_an_influence_on_an_earlier_one(case, backbone, frames):
+    _, options = case
+    # In this wiring a frame needs one more for every layer above the first.
+    delay = options["layers"] - 1 if options.get("wiring") == "delayed" else 0
     context, _ = backbone(frames, backbone.initial_state(4))
     changed = frames.clone()
     changed[:, 6:] += 1
     after, _ = backbone(changed, backbone.initial_state(4))
-    torch.testing.assert_close(after[:, :6], context[:, :6], atol=0, rtol=0)
-    assert not torch.allclose(after[:, 6], context[:, 6])
+    reached = 6 + delay
+    torch.testing.assert_close(after[:, :reached], context[:, :reached], atol=0, rtol=0)
+    assert not torch.allclose(after[:, reached], context[:, reached])
 
 
 def test_sequences_of_a_batch_do_not_mix(backbone, frames):
@@ -111,11 +120,12 @@ def test_weights_follow_the_generator(backbone):
     assert (drawn(1) != drawn(2)).all()
 
 
-def test_a_learned_first_state_is_small_and_shared_by_the_batch():
-    backbone = BACKBONES["gru"](5, hidden=1500, layers=2, initial_state="learned")
+@pytest.mark.parametrize(("kind", "parts"), [("gru", 1), ("lstm", 2)])
+def test_a_learned_first_state_is_small_and_shared_by_the_batch(kind, parts):
+    backbone = BACKBONES[kind](5, hidden=1500, layers=2, initial_state="learned")
     backbone.reset_parameters(torch.Generator().manual_seed(0))
     states = backbone.initial_state(3)
-    assert len(states) == 2
+    assert len(states) == 2 * parts
     for state in states:
         assert state.shape == (3, 1500)
         assert torch.equal(state[0], state[2])
@@ -123,7 +133,10 @@ def test_a_learned_first_state_is_small_and_shared_by_the_batch():
         assert state[0].std().item() == pytest.approx(0.01, rel=0.07)
 
 
-def test_a_first_state_of_zeros_is_not_trained():
-    backbone = BACKBONES["gru"](5, hidden=6, layers=2, initial_state="zero")
-    assert all((state == 0).all() for state in backbone.initial_state(3))
+@pytest.mark.parametrize(("kind", "parts"), [("gru", 1), ("lstm", 2)])
+def test_a_first_state_of_zeros_is_not_trained(kind, parts):
+    backbone = BACKBONES[kind](5, hidden=6, layers=2, initial_state="zero")
+    states = backbone.initial_state(3)
+    assert [state.shape for state in states] == [(3, 6)] * (2 * parts)
+    assert all((state == 0).all() for state in states)
     assert len(list(backbone.parameters())) == 8

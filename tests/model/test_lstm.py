@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+
 import pytest
 import torch
+from torch import nn
 
 from posecast.errors import ConfigError
 from posecast.model import LSTMBackbone
@@ -11,10 +15,9 @@ from posecast.model import LSTMBackbone
 INPUTS, HIDDEN, LAYERS = 5, 4, 3
 
 
-def plain(backbone, frames, *, delayed):
+def plain(backbone, frames, state, *, delayed):
     """Frame by frame and layer by layer (Hochreiter and Schmidhuber 1997, with forget gates)."""
     weights = [list(layer.parameters()) for layer in backbone.layers]
-    state = backbone.initial_state(len(frames))
     outputs = [state[2 * layer] for layer in range(LAYERS)]
     cells = [state[2 * layer + 1] for layer in range(LAYERS)]
     context = []
@@ -27,7 +30,8 @@ def plain(backbone, frames, *, delayed):
             cells[layer] = forget.sigmoid() * cells[layer] + entry.sigmoid() * new.tanh()
             outputs[layer] = out.sigmoid() * cells[layer].tanh()
         context.append(outputs[-1])
-    return torch.stack(context, dim=1)
+    last = [part for pair in zip(outputs, cells, strict=True) for part in pair]
+    return [torch.stack(context, dim=1), *last]
 
 
 def make(wiring, initial_state="zero"):
@@ -36,25 +40,36 @@ def make(wiring, initial_state="zero"):
     return backbone.double()
 
 
+# In single precision PyTorch hands the layers to oneDNN, another implementation.
+@pytest.mark.parametrize(("dtype", "atol"), [(torch.float64, 1e-12), (torch.float32, 2e-5)])
 @pytest.mark.parametrize("initial_state", ["zero", "learned"])
 @pytest.mark.parametrize("wiring", ["stacked", "delayed"])
 @pytest.mark.parametrize("length", [1, 2, 9])
 def test_the_stack_computes_the_plain_equations_and_their_gradient(
-    wiring, initial_state, length, generator
+    wiring, initial_state, length, dtype, atol, generator
 ):
     backbone = make(wiring, initial_state)
     frames = torch.randn(2, length, INPUTS, dtype=torch.float64, generator=generator)
-    found = backbone(frames, backbone.initial_state(2)).context
-    expected = plain(backbone, frames, delayed=wiring == "delayed")
-    torch.testing.assert_close(found, expected)
-    weight = torch.randn(found.shape, dtype=torch.float64, generator=generator)
-    gradients = [
-        torch.autograd.grad((each * weight).sum(), list(backbone.parameters()), allow_unused=True)
-        for each in (found, expected)
-    ]
-    for one, other in zip(*gradients, strict=True):
-        if one is not None and other is not None:
-            torch.testing.assert_close(one, other)
+    slow = frames.clone().requires_grad_()
+    expected = plain(backbone, slow, backbone.initial_state(2), delayed=wiring == "delayed")
+    weights = [torch.randn(each.shape, dtype=dtype, generator=generator) for each in expected]
+    wanted = _gradients(expected, weights, [slow, *backbone.parameters()])
+    backbone.to(dtype)
+    frames = frames.to(dtype).requires_grad_()
+    context, state = backbone(frames, backbone.initial_state(2))
+    found = [context, *state]
+    for one, other in zip(found, expected, strict=True):
+        torch.testing.assert_close(one, other.to(dtype), atol=atol, rtol=0)
+    gradients = _gradients(found, weights, [frames, *backbone.parameters()])
+    # After one frame, weights that have met nothing but zeros have no gradient.
+    assert length == 1 or all((gradient != 0).any() for gradient in wanted)
+    for one, other in zip(gradients, wanted, strict=True):
+        torch.testing.assert_close(one, other.to(dtype), atol=atol, rtol=0)
+
+
+def _gradients(results, weights, of):
+    total = sum((each * weight).sum() for each, weight in zip(results, weights, strict=True))
+    return torch.autograd.grad(total, of)
 
 
 @pytest.mark.parametrize(("wiring", "delay"), [("stacked", 0), ("delayed", LAYERS - 1)])
@@ -74,13 +89,98 @@ def test_cells_have_two_biases_as_the_papers_count_them():
     assert sum(weight.numel() for weight in make("delayed").parameters()) == sum(per_layer)
 
 
-def test_an_empty_batch_has_an_empty_summary():
-    backbone = make("delayed")
-    nothing = torch.empty(0, 5, INPUTS, dtype=torch.float64)
-    assert backbone(nothing, backbone.initial_state(0)).context.shape == (0, 5, HIDDEN)
+@pytest.mark.parametrize("inputs", [96, 127, 251])
+@pytest.mark.parametrize("wiring", ["stacked", "delayed"])
+def test_the_network_of_the_papers_has_as_many_parameters_as_they_print(wiring, inputs):
+    # Andreou et al. 2022, Table 4: Euler angles, quaternions and dual quaternions of 31 joints.
+    printed = {96: 21_487_712, 127: 21_646_463, 251: 22_281_467}[inputs]
+    with torch.device("meta"):
+        network = nn.ModuleList([LSTMBackbone(inputs, wiring=wiring), nn.Linear(1024, inputs)])
+    assert printed == 20_996_096 + 5121 * inputs
+    assert sum(weight.numel() for weight in network.parameters()) == printed
+
+
+@pytest.mark.parametrize("wiring", ["stacked", "delayed"])
+def test_reading_goes_on_from_any_state(wiring, generator):
+    backbone = make(wiring)
+    shape = (2 * LAYERS, 2, HIDDEN)
+    state = tuple(torch.randn(shape, dtype=torch.float64, generator=generator).tanh())
+    frames = torch.randn(2, 4, INPUTS, dtype=torch.float64, generator=generator)
+    context, after = backbone(frames, state)
+    expected = plain(backbone, frames, state, delayed=wiring == "delayed")
+    for one, other in zip((context, *after), expected, strict=True):
+        torch.testing.assert_close(one, other, atol=1e-12, rtol=0)
+
+
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+@pytest.mark.parametrize("length", [1, 5])
+@pytest.mark.parametrize("wiring", ["stacked", "delayed"])
+def test_an_empty_batch_has_an_empty_summary_and_no_gradient(wiring, length, dtype):
+    backbone = make(wiring, "learned").to(dtype)
+    nothing = torch.empty(0, length, INPUTS, dtype=dtype)
+    context, state = backbone(nothing, backbone.initial_state(0))
+    assert context.shape == (0, length, HIDDEN)
+    assert [part.shape for part in state] == [(0, HIDDEN)] * (2 * LAYERS)
+    context.sum().backward()
+    for weight in backbone.parameters():
+        assert weight.grad is None or (weight.grad == 0).all()
+
+
+def test_a_layer_is_given_a_contiguous_state(generator):
+    """cuDNN refuses any other; the processor does not mind."""
+    backbone = make("delayed", "learned")
+    seen = []
+    for layer in backbone.layers:
+        layer.register_forward_pre_hook(lambda _, given: seen.extend(given[1]))
+    frames = torch.randn(2, 4, INPUTS, dtype=torch.float64, generator=generator)
+    backbone(frames, backbone.initial_state(2))
+    assert len(seen) == 2 * LAYERS
+    assert all(part.is_contiguous() for part in seen)
+
+
+@pytest.mark.filterwarnings("ignore:The tensor attributes:UserWarning")
+@pytest.mark.parametrize("length", [1, 4])
+@pytest.mark.parametrize("wiring", ["stacked", "delayed"])
+def test_a_captured_graph_agrees(wiring, length, generator):
+    backbone = make(wiring, "learned")
+    frames = torch.randn(2, length, INPUTS, dtype=torch.float64, generator=generator)
+    with torch.no_grad():
+        state = backbone.initial_state(2)
+        captured = torch.export.export(backbone, (frames, state)).module()
+        found, wanted = captured(frames, state), backbone(frames, state)
+    for one, other in zip((found[0], *found[1]), (wanted[0], *wanted[1]), strict=True):
+        torch.testing.assert_close(one, other, atol=1e-12, rtol=0)
+
+
+@pytest.mark.parametrize("length", [1, 4])
+def test_shapes_are_known_without_any_numbers(length):
+    with torch.device("meta"):
+        backbone = LSTMBackbone(INPUTS, HIDDEN, LAYERS, "delayed", "learned")
+        context, state = backbone(torch.empty(2, length, INPUTS), backbone.initial_state(2))
+    assert context.shape == (2, length, HIDDEN)
+    assert context.is_meta
+    assert [part.shape for part in state] == [(2, HIDDEN)] * (2 * LAYERS)
 
 
 def test_a_wrong_number_of_layers_is_refused():
     for layers in (0, 101):
         with pytest.raises(ConfigError, match=f"layers: {layers}; expected 1 to 100"):
             LSTMBackbone(3, 4, layers)
+
+
+def test_misspelled_choices_are_refused_without_the_checks_of_the_suite():
+    # In the suite, types are checked before the constructor can say so itself.
+    code = """
+from posecast.errors import ConfigError
+from posecast.model import LSTMBackbone
+for choice in ({"initial_state": "learnt"}, {"wiring": "delay"}):
+    try:
+        LSTMBackbone(3, 4, **choice)
+    except ConfigError as error:
+        print(error)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines() == [
+        "initial_state: 'learnt' is not known; choose 'learned' or 'zero'",
+        "wiring: 'delay' is not known; choose 'stacked' or 'delayed'",
+    ]

@@ -189,7 +189,7 @@ def _leaves(config: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]
             yield from _leaves(value, (*path, key))
 
 
-@pytest.mark.parametrize("name", list_recipes())
+@pytest.mark.parametrize("name", FILES)
 def test_every_key_of_a_recipe_is_checked_for_spelling(name: str) -> None:
     recipe = load_recipe(name)
     paths = [path for path in _leaves(recipe.config) if path[-1] != "name"]

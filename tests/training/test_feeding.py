@@ -74,6 +74,19 @@ def test_auto_conditioning_repeats_its_pattern_true_frames_first(generator):
     assert AutoConditioning(2, 6).share(3) == 0.25
 
 
+@pytest.mark.parametrize(("true", "own"), [(1, 1), (1, 4), (4, 1), (5, 5), (7, 0)])
+def test_auto_conditioning_takes_turns_of_any_length_and_draws_nothing(true, own, generator):
+    feed = AutoConditioning(true, own)
+    before = generator.get_state()
+    turn = [True] * true + [False] * own
+    for horizon in (0, 1, true, true + 1, 23):
+        found = feed.mask(horizon, 3, generator)
+        assert found.dtype == torch.bool
+        assert found.tolist() == (23 * turn)[:horizon]
+    assert torch.equal(generator.get_state(), before)
+    assert feed.share(0) == feed.share(9) == sum(turn) / len(turn)
+
+
 @pytest.mark.parametrize(("true", "own"), [(0, 5), (5, -1)])
 def test_a_pattern_without_true_frames_is_refused(true, own):
     with pytest.raises(ConfigError, match=f"with {true} true and {own} own frames"):

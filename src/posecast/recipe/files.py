@@ -7,6 +7,7 @@ of the recipe with ``-small`` behind it is the recipe with these changes.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ RECIPES = Path(__file__).parents[1] / "recipes"
 SMALL = "-small"
 
 
+@cache
 def list_recipes() -> tuple[str, ...]:
     """Names of the recipes that come with the package."""
     names = {path.stem for path in RECIPES.glob("*.yaml")}
