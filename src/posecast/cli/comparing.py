@@ -219,7 +219,8 @@ def to_markdown(contestants: Sequence[Contestant], baselines: Sequence[Any], cor
     ]
     blocks = [
         f"**{len(contestants)} systems on equal terms**: corpus {first.corpus}, protocol "
-        f"{first.protocol}, {_count(seeds, 'seed')} each, mean ± standard deviation",
+        f"{first.protocol}, {_count(seeds, 'seed')} each"
+        + (", mean ± standard deviation" if seeds > 1 else ""),
         _table(rows),
     ]
     reports = [*(each.report for each in contestants), *(Report((scores,)) for scores in baselines)]

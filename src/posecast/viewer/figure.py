@@ -43,6 +43,7 @@ _ELEVATION = 0.2
 _TITLE, _FOOT = 46, 20  # pixels above and below the panels
 _ROW_TITLE = 24  # pixels at the left of a strip
 _LETTER = 8.0  # pixels of a letter of a title, a wide one
+_MOST_ABREAST = 4  # panels in a row of a moving picture
 _PANEL = 400  # height of a panel in pixels; of a strip's, half
 _NARROWEST, _WIDEST = 0.55, 2.2  # width of a panel over its height
 
@@ -250,11 +251,19 @@ def _strip(stage: Stage, path: Path, stills: int, progress: Progress) -> None:
 
 def _frames(stage: Stage, fps: float, progress: Progress) -> Iterator[Pixels]:
     """All frames of a moving picture, one at a time."""
-    figure, axes = _panels(stage, 1, len(stage.figures), height=_PANEL)
-    panels = [Panel(stage, index, cell) for index, cell in enumerate(axes)]
-    for panel, title in zip(panels, stage.titles, strict=True):
+    count = len(stage.figures)
+    rows = -(-count // _MOST_ABREAST)
+    columns = -(-count // rows)
+    figure, axes = _panels(stage, rows, columns, height=_PANEL)
+    for empty in axes[count:]:
+        empty.set_visible(False)
+    panels = [Panel(stage, index, cell) for index, cell in enumerate(axes[:count])]
+    for place, (panel, title) in enumerate(zip(panels, stage.titles, strict=True)):
         panel.axes.set_title(
-            _shortened(title, panel.axes.bbox.width), size=10, pad=3, parse_math=False
+            _shortened(title, panel.axes.bbox.width),
+            size=10,
+            pad=3 if place < columns else -14,  # below the first row, inside the panel
+            parse_math=False,
         )
     top = 1 - 6 / figure.bbox.height
     clock = figure.text(0.5, top, "", ha="center", va="top", size=10, family="monospace")

@@ -84,8 +84,8 @@ def convergence(
     """
     if not curves or not all(runs and all(runs) for runs in curves.values()):
         raise ConfigError("nothing to plot: give at least one curve, each with a point")
-    figure = new_figure(860, 500)
-    axes = figure.add_axes((0.1, 0.12, 0.6, 0.8))
+    figure = new_figure(1000, 500)
+    axes = figure.add_axes((0.08, 0.12, 0.6, 0.8))
     for place, (name, runs) in enumerate(curves.items()):
         shared = sorted(set.intersection(*({update for update, _ in run} for run in runs)))
         values = [[dict(run)[update] for run in runs] for update in shared]
