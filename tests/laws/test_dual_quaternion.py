@@ -145,6 +145,16 @@ def test_a_vanishing_real_part_becomes_no_turn_and_has_a_finite_gradient(scale):
     assert gradient.isfinite().all()
 
 
+@pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16, torch.float32])
+@pytest.mark.parametrize("size", [0.0, 1e-10, 1e-5])
+def test_normalizing_in_low_precision_is_finite(dtype, size):
+    raw = torch.tensor([size] * 4 + [1.0, 2, 3, 4], dtype=dtype, requires_grad=True)
+    unit = dual.normalize(raw)
+    assert unit.isfinite().all()
+    unit.sum().backward()
+    assert raw.grad.isfinite().all()
+
+
 def test_log_and_exp_are_inverse(some):
     twist = dual.log(some)
     assert (twist[:, :3].norm(dim=-1) <= math.pi + 1e-12).all()

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+
 import pytest
 import torch
 
@@ -11,6 +14,7 @@ from posecast.skeleton import (
     Skeleton,
     local_to_root_dual,
     local_to_root_matrix,
+    planes,
     root_to_local_dual,
     root_to_local_matrix,
     root_to_local_motion,
@@ -101,6 +105,51 @@ def test_they_agree_with_pymotion_where_the_root_is_not_turned(generator):
     )
     torch.testing.assert_close(motion.rotations[:, 1:], turned[:, 1:])
     torch.testing.assert_close(motion.translations[:, 1:], moved[:, 1:])
+
+
+@pytest.mark.parametrize("bodies", ["one body", "one a clip"])
+def test_chunks_change_nothing(pose, bodies, monkeypatch):
+    turns, moved = pose
+    moved = moved[0, 0] if bodies == "one body" else moved
+    dual = local_to_root_dual(FOREST, turns, moved)
+    motion = root_to_local_motion(FOREST, dual)
+    monkeypatch.setattr(planes, "CHUNK_ELEMENTS", 4 * len(FOREST))
+    torch.testing.assert_close(local_to_root_dual(FOREST, turns, moved), dual)
+    for one, other in zip(root_to_local_motion(FOREST, dual), motion, strict=True):
+        torch.testing.assert_close(one, other)
+
+
+COMPILED = """
+import torch
+from posecast.geometry import quaternion
+from posecast.skeleton import Skeleton, local_to_root_dual, root_to_local_motion
+
+torch.manual_seed(0)
+forest = Skeleton(tuple("abcdef"), (-1, 0, 1, 0, -1, 4))
+turns = quaternion.normalize(torch.randn(7, 6, 4).double())
+moved = torch.randn(6, 3).double()
+dual = local_to_root_dual(forest, turns, moved)
+for call, given in (
+    (lambda x: (local_to_root_dual(forest, quaternion.normalize(x), moved),), turns),
+    (lambda x: tuple(root_to_local_motion(forest, x)), dual),
+):
+    results = []
+    for each in (call, torch.compile(call, backend="aot_eager", fullgraph=True)):
+        leaf = given.clone().requires_grad_()
+        found = each(leaf)
+        sum(part.square().sum() + part[..., 0].sum() for part in found).backward()
+        results.append([*(part.detach() for part in found), leaf.grad])
+    for eager, compiled in zip(*results, strict=True):
+        torch.testing.assert_close(compiled, eager)
+"""
+
+
+@pytest.mark.slow
+def test_compiling_is_one_graph_and_changes_no_value_and_no_gradient():
+    # in a process of its own: the shape checks of the test suite are not made for compilers
+    command = [sys.executable, "-W", "error::UserWarning", "-c", COMPILED]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
 
 
 def test_one_body_serves_all_poses(pose):

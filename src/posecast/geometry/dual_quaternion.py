@@ -103,18 +103,18 @@ def normalize(dual: Float[Tensor, "*batch 8"], eps: float = 1e-12) -> Float[Tens
     """The unit dual quaternion nearest along the norm: both steps, always.
 
     Both parts are divided by |r|; then the dual part loses what it has along the real one. A real
-    part shorter than ``eps`` becomes the identity rotation; the vector of the dual part is then
-    half the translation, as it is.
+    part shorter than ``eps``, or than the smallest normal number of its dtype, becomes the identity
+    rotation; the vector of the dual part is then half the translation, as it is.
 
     Source: Andreou et al. 2022, eq. 13: d / |r| - r <r, d> / |r|^3.
     """
     real, other = dual[..., :4], dual[..., 4:]
-    squared = (real * real).sum(-1, keepdim=True)
-    vanishing = squared < eps * eps
-    scale = torch.rsqrt(torch.where(vanishing, torch.ones_like(squared), squared))
-    unit = real * scale
+    length = torch.linalg.vector_norm(real, dim=-1, keepdim=True)
+    vanishing = length < max(eps, torch.finfo(dual.dtype).tiny)
+    length = torch.where(vanishing, torch.ones_like(length), length)
+    unit = real / length
     unit = torch.where(vanishing, quaternion.identity(*unit.shape[:-1], like=unit), unit)
-    divided = other * scale
+    divided = other / length
     return torch.cat([unit, divided - unit * (unit * divided).sum(-1, keepdim=True)], dim=-1)
 
 

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from posecast.geometry import dual_quaternion, quaternion
 from posecast.skeleton.dual_planes import local_motion, root_duals
-from posecast.skeleton.kinematics import check_joints, forward_kinematics, root_to_local
+from posecast.skeleton.kinematics import check_joints, forward_kinematics
 from posecast.skeleton.skeleton import Skeleton
 from posecast.skeleton.tree_plan import tree_plan
 
@@ -25,7 +25,7 @@ class LocalMotion(NamedTuple):
 
     Args:
         rotations: unit quaternions (w, x, y, z).
-        translations: metres, in the frame of the parent.
+        translations: meters, in the frame of the parent.
     """
 
     rotations: Float[Tensor, "*batch joints 4"]
@@ -48,7 +48,7 @@ def local_to_root_dual(
     Args:
         skeleton: whose joints.
         rotations_local: unit quaternions relative to the parent.
-        translations_local: from the parent, metres; one body, or one for each batch entry or frame.
+        translations_local: from the parent, meters; one body, or one for each batch entry or frame.
 
     Raises:
         SkeletonError: the number of joints is not that of the skeleton.
@@ -103,8 +103,13 @@ def root_to_local_motion(
         return LocalMotion(turns.reshape(*shape, 4), moves.reshape(*shape, 3))
     rotations = dual_root[..., :4]
     positions = dual_quaternion.translation(dual_root)
+    # the parents' table rather than the plan: a compiler follows it, and fuses the gather
+    parents = torch.tensor(skeleton.parents, device=dual_root.device)
+    above = rotations.index_select(-2, parents.clamp_min(0))
+    turned = quaternion.product(quaternion.conjugate(above), rotations)
     return LocalMotion(
-        root_to_local(skeleton, rotations), from_parents(skeleton, rotations, positions)
+        torch.where((parents < 0)[:, None], rotations, turned),
+        from_parents(skeleton, rotations, positions),
     )
 
 
