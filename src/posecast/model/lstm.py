@@ -10,7 +10,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from posecast.errors import ConfigError
-from posecast.model.recurrent import MOST_LAYERS, State, Summary
+from posecast.model.recurrent import State, Summary, check_stack
 
 Wiring = Literal["stacked", "delayed"]
 
@@ -44,12 +44,7 @@ class LSTMBackbone(nn.Module):
         initial_state: Literal["learned", "zero"] = "zero",
     ) -> None:
         super().__init__()
-        if not 1 <= layers <= MOST_LAYERS:
-            raise ConfigError(f"layers: {layers}; expected 1 to {MOST_LAYERS}")
-        if initial_state not in ("learned", "zero"):
-            raise ConfigError(
-                f"initial_state: {initial_state!r} is not known; choose 'learned' or 'zero'"
-            )
+        check_stack(layers, initial_state)
         if wiring not in get_args(Wiring):
             raise ConfigError(f"wiring: {wiring!r} is not known; choose 'stacked' or 'delayed'")
         self.delayed = wiring == "delayed"

@@ -16,7 +16,7 @@ from posecast.model.products import packing_pays
 _LEAST_UNITS = 256
 """For layers of fewer units PyTorch's own loop is the faster one, in training as in use."""
 
-MOST_LAYERS = 100
+_MOST_LAYERS = 100
 """More would be made for minutes before anything could be said about them."""
 
 State = tuple[Tensor, ...]
@@ -59,6 +59,20 @@ class Backbone(Protocol):
         ...
 
 
+def check_stack(layers: int, initial_state: str) -> None:
+    """Refuse what no stack of recurrent layers can be made of.
+
+    Raises:
+        ConfigError: a number of layers out of range, or an unknown first state.
+    """
+    if not 1 <= layers <= _MOST_LAYERS:
+        raise ConfigError(f"layers: {layers}; expected 1 to {_MOST_LAYERS}")
+    if initial_state not in ("learned", "zero"):
+        raise ConfigError(
+            f"initial_state: {initial_state!r} is not known; choose 'learned' or 'zero'"
+        )
+
+
 class GRUBackbone(nn.Module):
     """A stack of gated recurrent units (Cho et al. 2014), as in Pavllo et al. 2018, section 3.1.
 
@@ -78,12 +92,7 @@ class GRUBackbone(nn.Module):
         initial_state: Literal["learned", "zero"] = "learned",
     ) -> None:
         super().__init__()
-        if not 1 <= layers <= MOST_LAYERS:
-            raise ConfigError(f"layers: {layers}; expected 1 to {MOST_LAYERS}")
-        if initial_state not in ("learned", "zero"):
-            raise ConfigError(
-                f"initial_state: {initial_state!r} is not known; choose 'learned' or 'zero'"
-            )
+        check_stack(layers, initial_state)
         self.gru = nn.GRU(input_dim, hidden, layers, batch_first=True)
         self.first: nn.Parameter | None = None
         if initial_state == "learned":
