@@ -78,7 +78,7 @@ class Representation(Protocol):
     ) -> Float[Tensor, "batch frames joints joint_dim"]:
         """The same poses, signs chosen so that each frame is near the one before; the first stays.
 
-        What is encoded has signs that are continuous already, but products of it may not.
+        What is encoded has signs that are continuous already; only products of it may not have.
         """
         ...
 

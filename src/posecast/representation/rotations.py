@@ -54,10 +54,6 @@ class Quaternion(_Rigid):
         """The rotations, scaled to unit length."""
         return quaternion.normalize(features)
 
-    def continuous(self, features: Rotations) -> Rotations:
-        """Signs continuous in time."""
-        return quaternion.unroll(features, dim=1)
-
     def identity(self, like: Rotations) -> Rotations:
         """The rotation that turns nothing, in the shape of ``like``."""
         return quaternion.identity(*like.shape[:-1], like=like)
