@@ -9,7 +9,7 @@ from tests.references.plain_gru import velocity_rollout
 from posecast.errors import ConfigError
 from posecast.geometry import quaternion
 from posecast.model import ControlLayers, ForecasterPredictor, Session, rollout
-from posecast.representation import Codec, Quaternion
+from posecast.representation import Codec, Quaternion, build_representation
 
 MASKS = [
     [False] * 6,
@@ -208,3 +208,16 @@ def test_statistics_follow_the_forecaster_into_another_precision(make_forecaster
     forecaster = make_forecaster(codec=codec).float()
     assert forecaster.mean.dtype == torch.float32
     assert ForecasterPredictor(forecaster).predict(motion, 2).root_positions.isfinite().all()
+
+
+@pytest.mark.parametrize("kind", ["quaternion", "dual_quaternion"])
+def test_what_is_replayed_goes_on_from_the_true_frame_before_it(kind, make_forecaster, motion):
+    skeleton = make_forecaster().codec.skeleton
+    codec = Codec(skeleton, build_representation(kind, skeleton), root="displacement")
+    predictor = ForecasterPredictor(make_forecaster(codec=codec))
+    replayed = predictor.replay(motion)
+    for frame in (2, 4):  # of one frame alone the displacement is not known
+        alone = predictor.predict(motion.cut(0, frame), 1)
+        for one, other in zip(replayed.cut(frame - 1, frame)[:2], alone[:2], strict=True):
+            torch.testing.assert_close(one, other)
+    assert replayed.root_positions.shape[1] == motion.root_positions.shape[1] - 1

@@ -219,7 +219,10 @@ class ForecasterPredictor:
         The network runs in its own precision on its own device.
         """
         features = self._run(prefix, lambda known: rollout(self.forecaster, known, horizon))
-        return self._decode(features, prefix, prefix.root_positions[:, -1])
+        anchor = prefix.root_positions[:, -1]
+        return self.forecaster.codec.decode(
+            features.to(anchor), offsets=prefix.offsets, anchor=anchor
+        )
 
     def replay(self, prefix: Motion) -> Motion:
         """What is expected after each frame of the prefix but the last, read so far: frames 2 on.
@@ -235,7 +238,21 @@ class ForecasterPredictor:
                 self.forecaster, known[:, :1], horizon, truth=known[:, 1:], truth_mask=all_true
             )
 
-        return self._decode(self._run(prefix, read), prefix, prefix.root_positions[:, 0])
+        features = self._run(prefix, read)
+        count = features.shape[1]
+        # One frame each, that goes on from the true frame before it.
+        single = self.forecaster.codec.decode(
+            features.to(prefix.root_positions).flatten(0, 1)[:, None],
+            offsets=prefix.offsets.repeat_interleave(count, 0),
+            anchor=prefix.root_positions[:, :-1].flatten(0, 1),
+        )
+        moved = single.translations_local
+        return Motion(
+            single.rotations_local[:, 0].unflatten(0, (-1, count)),
+            single.root_positions[:, 0].unflatten(0, (-1, count)),
+            prefix.offsets,
+            None if moved is None else moved[:, 0].unflatten(0, (-1, count)),
+        )
 
     def _run(self, prefix: Motion, call: Callable[[Tensor], Rollout]) -> Tensor:
         """Features that follow, without gradients, a batch at a time."""
@@ -248,8 +265,3 @@ class ForecasterPredictor:
                 return torch.cat([call(codec.encode(p).to(weight)).features for p in pieces])
         finally:
             self.forecaster.train(training)
-
-    def _decode(self, features: Tensor, prefix: Motion, anchor: Tensor) -> Motion:
-        """Motion on the bodies of the prefix, with its precision."""
-        codec = self.forecaster.codec
-        return codec.decode(features.to(anchor), offsets=prefix.offsets, anchor=anchor)
