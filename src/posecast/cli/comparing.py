@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 from posecast.cli.terminal import check_root, progress_bar, say
 from posecast.errors import ConfigError
 from posecast.evaluation import AVERAGE, METRICS, Protocol, Report, baseline_scores, build_protocol
+from posecast.evaluation.report import format_line
 from posecast.io.atomic import atomic_write
 from posecast.motion import Motion
 from posecast.motion.corpus import Corpus
@@ -230,7 +231,7 @@ def to_markdown(contestants: Sequence[Contestant], baselines: Sequence[Any], cor
         lines = [head, ["---", *("---:" for _ in first.horizons_ms)]]
         for report in reports:
             cells = [line for line in report.lines if (line.action, line.metric) == (AVERAGE, name)]
-            lines.append([report.system, *(_cell(line, metric.digits) for line in cells)])
+            lines.append([report.system, *(format_line(line, metric.digits) for line in cells)])
         blocks += [f"**{metric.title} ({metric.unit})**: `{name}`", _table(lines)]
     notes = [*first.notes, *corpus.notes]
     if first.missing:
@@ -320,12 +321,6 @@ def _spread(values: Sequence[float], digits: int) -> str:
     """Mean and sample standard deviation."""
     text = f"{statistics.fmean(values):.{digits}f}"
     return text if len(values) < 2 else f"{text} ± {statistics.stdev(values):.{digits}f}"
-
-
-def _cell(line: Any, digits: int) -> str:
-    """A value with its spread."""
-    text = f"{line.value:.{digits}f}"
-    return text if line.std is None else f"{text} ± {line.std:.{digits}f}"
 
 
 def _count(number: int, what: str) -> str:

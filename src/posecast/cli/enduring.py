@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Iterator
+from collections import deque
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,9 @@ import torch
 from posecast.cli.scoring import corpus_of
 from posecast.cli.terminal import progress_bar, say
 from posecast.errors import ConfigError
+from posecast.evaluation import Scene
 from posecast.evaluation.freeze import FreezeDetector, Liveliness
+from posecast.evaluation.motion_metrics import bone_length_drift
 from posecast.io.atomic import atomic_write
 from posecast.model import Session
 from posecast.motion import Clip, Motion
@@ -53,7 +56,8 @@ def endure(
     detector = FreezeDetector.of(data.split("train"))
     known = _starts(system, data, starts)
     out.mkdir(parents=True, exist_ok=True)
-    kept: list[Motion] = []
+    kept: deque[Motion] = deque(maxlen=3)
+    scene = Scene(data.skeleton, data.fps, known)
     drift: list[float] = []
     with progress_bar("frames") as advance:
 
@@ -62,10 +66,8 @@ def endure(
             for piece in _roll_out(system, known, frames):
                 done += piece.root_positions.shape[1]
                 advance(done, frames)
-                lengths = torch.linalg.vector_norm(piece.bones, dim=-1)
-                rest = torch.linalg.vector_norm(piece.offsets, dim=-1)[:, None]
-                drift.append(float((lengths - rest).abs().mean()))
-                kept[:] = [*kept, piece][-3:]
+                drift.append(float(bone_length_drift(piece, piece, scene).mean()))
+                kept.append(piece)
                 yield piece
 
         found = detector.examine(pieces())
@@ -132,7 +134,7 @@ def _write_rows(found: Liveliness, path: Path) -> None:
 def _draw(
     found: Liveliness,
     detector: FreezeDetector,
-    kept: list[Motion],
+    kept: Iterable[Motion],
     like: Clip,
     name: str,
     out: Path,

@@ -177,7 +177,7 @@ class Report:
         for action in (*first.actions, *averaged):
             for system in systems:
                 cells = [line for line in lines if (line.system, line.action) == (system, action)]
-                texts = [_cell(line, metric.digits) for line in cells]
+                texts = [format_line(line, metric.digits) for line in cells]
                 rows.append([self._label(action), system, *texts, str(cells[0].windows)])
         return "\n".join([head, "", *("| " + " | ".join(row) + " |" for row in rows)])
 
@@ -274,7 +274,7 @@ def _json_row(line: Line) -> dict[str, Any]:
     return row
 
 
-def _cell(line: Line, digits: int) -> str:
+def format_line(line: Line, digits: int) -> str:
     """A value with its spread, and the printed number in brackets."""
     text = f"{line.value:.{digits}f}"
     if line.std is not None:

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from os import PathLike
+from typing import TYPE_CHECKING
 
 from posecast.errors import ConfigError
 from posecast.evaluation.metrics import METRICS
 from posecast.evaluation.scores import Milliseconds
 from posecast.viewer.canvas import new_figure, save_png
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 # Distinguishable without color vision: the order is that of lightness too (Wong 2011).
 _COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")
@@ -56,10 +60,7 @@ def error_over_horizon(
     axes.set_ylabel(f"{METRICS[metric].title} ({METRICS[metric].unit})")
     axes.set_xlim(left=0)
     axes.set_ylim(bottom=0)
-    axes.grid(color="#e3e3e3", linewidth=0.8)
-    axes.set_axisbelow(True)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
+    _tidy(axes)
     axes.legend(frameon=False)
     axes.set_title(title or "Error over the horizon", size=11)
     save_png(figure, path)
@@ -105,10 +106,7 @@ def convergence(
             axes.fill_between(shared, low, high, color=color, alpha=0.12, linewidth=0)
     axes.set_xlabel("updates")
     axes.set_ylabel(what)
-    axes.grid(color="#e3e3e3", linewidth=0.8)
-    axes.set_axisbelow(True)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
+    _tidy(axes)
     axes.legend(frameon=False, loc="upper left", bbox_to_anchor=(1.02, 1.0), fontsize=9)
     axes.set_title("Convergence", size=11)
     save_png(figure, path)
@@ -154,10 +152,15 @@ def lines(
     axes.set_xlabel(across)
     axes.set_ylabel(upright)
     axes.set_ylim(bottom=0)
+    _tidy(axes)
+    axes.legend(frameon=False)
+    axes.set_title(title, size=11)
+    save_png(figure, path)
+
+
+def _tidy(axes: Axes) -> None:
+    """A pale grid behind the lines, and no box around them."""
     axes.grid(color="#e3e3e3", linewidth=0.8)
     axes.set_axisbelow(True)
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
-    axes.legend(frameon=False)
-    axes.set_title(title, size=11)
-    save_png(figure, path)
