@@ -97,9 +97,8 @@ def _read(
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Outputs after each frame, and output and cell after the last."""
     assert isinstance(layer, nn.LSTM)
-    # Three layers, batch 32, one thread of an AMD EPYC, forward and backward in ms, cells against
-    # ``nn.LSTM``: one frame, 256 units: 5 and 17; 1024: 61 and 236. Five frames: 26 and 22; 410 and
-    # 422. A hundred: 498 and 339; 7870 and 4760. Other devices have not been timed.
+    # On a CPU a cell has less around it, which pays for a single frame and for no more; other
+    # devices have not been timed.
     plain = frames.device.type != "cpu" or torch.compiler.is_compiling()
     if not plain and frames.shape[1] == 1:
         output, cell = torch.lstm_cell(frames[:, 0], (output, cell), *layer.all_weights[0])
