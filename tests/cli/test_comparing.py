@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import csv
 import json
+import statistics
 from pathlib import Path
 
 import pytest
@@ -52,6 +54,19 @@ def test_a_comparison_has_a_row_for_every_system_and_baseline(compared: Path) ->
         assert system["parameters"] > 1000
         assert system["step_ms"] > 0
         assert [updates for updates, _ in system["validation"][0]] == [2, 4]
+
+
+def test_costs_are_those_of_the_logs(compared: Path) -> None:
+    content = json.loads((compared / "comparison.json").read_text("utf-8"))
+    system = content["systems"][0]
+    seconds = []
+    for seed in ("0", "1"):
+        with (compared / ROWS[0] / seed / "log.csv").open(newline="") as file:
+            seconds.append([float(row["seconds"]) for row in csv.DictReader(file)])
+    assert system["training_seconds"] == pytest.approx([sum(each) for each in seconds])
+    # Two updates an epoch; milliseconds of one.
+    of_one = [1000 * epoch / 2 for each in seconds for epoch in each]
+    assert system["step_ms"] == pytest.approx(statistics.median(of_one))
 
 
 def test_only_what_can_stretch_does(compared: Path) -> None:

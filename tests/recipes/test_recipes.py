@@ -19,6 +19,29 @@ from posecast.recipe import RECIPES, Recipe, count_parameters, list_recipes, loa
 from posecast.skeleton import Skeleton
 from posecast.system import load, train
 
+
+@pytest.mark.parametrize("divide_by", ["deviation", "variance"])
+def test_statistics_are_of_all_frames_in_pieces_as_long_as_windows(
+    divide_by: str, tiny_corpus: Corpus
+) -> None:
+    overrides = ["training.prefix=10", "training.horizon=15"]
+    recipe = load_recipe("acrnn-quaternion", [*overrides, f"codec.standardize={divide_by}"])
+    found = recipe.measure(tiny_corpus)
+    assert found is not None
+    codec = recipe.build_codec(tiny_corpus.skeleton)
+    pieces = [
+        codec.encode(clip.cut(first, min(first + 25, 90)).motion()).double()
+        for clip in tiny_corpus.clips
+        for first in (0, 25, 50, 75)
+    ]
+    whole = torch.cat(pieces, dim=1)[0]
+    assert len(whole) == 180
+    torch.testing.assert_close(found.mean, whole.mean(0))
+    spread = whole.var(0, correction=0) if divide_by == "variance" else whole.std(0, correction=0)
+    expected = torch.where(spread < 1e-4, torch.ones_like(spread), spread)
+    torch.testing.assert_close(found.scale, expected, atol=1e-6, rtol=1e-5)
+
+
 FILES = sorted(path.stem for path in RECIPES.glob("*.yaml"))
 
 
