@@ -8,7 +8,7 @@ READY := $(VENV)/.ready
 
 help:
 	@echo "make demo    virtual environment, install, train the small model, write pictures to demo/"
-	@echo "make test    the test suite (under two minutes)"
+	@echo "make test    the test suite (some minutes)"
 	@echo "make test-all  the slow tests too"
 	@echo "make check   format, lint, types, layers"
 	@echo "make bench   measured ratios, side by side in one process"
