@@ -230,3 +230,19 @@ def test_a_clip_too_short_to_start_from_is_refused() -> None:
         forecast_clip(ZeroVelocity(), _clip(25.0, 1), skeleton=SKELETON, fps=25.0, horizon_ms=400)
     with pytest.raises(DataError, match=r"two frames, 0\.08 s"):
         forecast_clip(ZeroVelocity(), _clip(100.0, 3), skeleton=SKELETON, fps=25.0, horizon_ms=400)
+
+
+@pytest.mark.parametrize(
+    ("value", "said"),
+    [
+        (0.0, "turning: rotations_local has a quaternion of length 0 in frame 9, joint 'Spine'"),
+        (float("nan"), "turning: rotations_local has a value that is not finite in row 9"),
+    ],
+)
+def test_a_clip_with_numbers_that_are_no_motion_is_refused(value: float, said: str) -> None:
+    clip = _clip(25.0, 10)
+    rotations = clip.rotations_local.clone()
+    rotations[-1, 2] = value
+    broken = replace(clip, rotations_local=rotations)
+    with pytest.raises(DataError, match=said):
+        forecast_clip(ZeroVelocity(), broken, skeleton=SKELETON, fps=25.0, horizon_ms=200)

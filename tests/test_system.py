@@ -199,3 +199,21 @@ def test_a_checkpoint_says_what_it_was_trained_on(run: Path) -> None:
     assert facts["fps"] == 25
     assert len(facts["skeleton"]["names"]) == len(facts["offsets"]) > 15
     assert isinstance(load(run / "best"), System)
+
+
+def test_a_forecast_reads_as_many_frames_as_the_protocol_gives(run: Path, corpus: Corpus) -> None:
+    system = load(run / "best")
+    given = system.recipe.protocol.frames(system.fps).prefix
+    assert given == 10
+    clip = corpus.clips[0]
+
+    def after(first: int) -> torch.Tensor:
+        changed = clip.rotations_local.clone()
+        changed[first, 3] = changed[first, 3].roll(1)
+        there = replace(clip, rotations_local=changed)
+        return system.forecast(there, horizon_ms=400).rotations_local[clip.frames :]
+
+    plain = system.forecast(clip, horizon_ms=400).rotations_local[clip.frames :]
+    reached = max(system.recipe.plan.prefix, given)
+    torch.testing.assert_close(after(clip.frames - reached - 1), plain)
+    assert (after(clip.frames - reached) - plain).abs().max() > 1e-6

@@ -18,6 +18,7 @@ from posecast.errors import ConfigError, DataError, SkeletonError
 from posecast.evaluation.prediction import Predictor
 from posecast.geometry import quaternion
 from posecast.motion import Clip
+from posecast.motion.checks import check_motion
 from posecast.motion.pruning import drop_joints
 from posecast.motion.transforms import resample
 from posecast.skeleton import Skeleton
@@ -66,7 +67,7 @@ def forecast_clip(
 
     Raises:
         ConfigError: a horizon shorter than a frame.
-        DataError: fewer than two frames to start from.
+        DataError: fewer than two frames to start from, or a number of the clip that is no motion.
         SkeletonError: joints of the predictor that the clip does not have, or in another order.
     """
     wanted = math.floor(horizon_ms * clip.fps / 1000 + 1e-6) if math.isfinite(horizon_ms) else 0
@@ -78,6 +79,7 @@ def forecast_clip(
     if clip.frames < 2:
         raise DataError(clip.name or "clip", f"{clip.frames} frame; a forecast needs two or more")
     kept = match_joints(clip.skeleton, skeleton)
+    check_motion(clip.name or "clip", clip)
     # Read backwards: the first frame of the reversed clip is the one everything counts from.
     known = _reverse(resample(_reverse(_fold(clip, kept)), fps, phases="first")[0])
     if known.frames < 2:

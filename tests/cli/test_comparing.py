@@ -5,14 +5,16 @@ from __future__ import annotations
 import csv
 import json
 import statistics
+from importlib.resources import files
 from pathlib import Path
 
 import pytest
+import torch
 from PIL import Image
 
 from posecast.cli.comparing import short_names
 from posecast.cli.main import main
-from posecast.system import load
+from posecast.system import load, save
 
 TINY = (
     *("corpus.clips=10", "corpus.seconds=6", "model.backbone.hidden=8", "model.backbone.layers=1"),
@@ -64,7 +66,7 @@ def test_costs_are_those_of_the_logs(compared: Path) -> None:
         with (compared / ROWS[0] / seed / "log.csv").open(newline="") as file:
             seconds.append([float(row["seconds"]) for row in csv.DictReader(file)])
     assert system["training_seconds"] == pytest.approx([sum(each) for each in seconds])
-    # Two updates an epoch; milliseconds of one.
+    # Two updates an epoch; milliseconds of one. Validation is no part of it.
     of_one = [1000 * epoch / 2 for each in seconds for epoch in each]
     assert system["step_ms"] == pytest.approx(statistics.median(of_one))
 
@@ -127,6 +129,71 @@ def test_a_recipe_named_twice_is_refused(
 
 
 @pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("training.epochs=1",), "nothing to compare; name recipes"),
+        ((ROWS[0], "training.seed=4"), "training.seed tells the runs apart; leave it out"),
+        ((*ROWS[:2], "name=same"), "name tells the runs apart"),
+    ],
+)
+def test_what_tells_runs_apart_is_not_overridden(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...], said: str
+) -> None:
+    with pytest.raises(SystemExit) as stopped:
+        main(["compare", *arguments, "--corpus", "synthetic", "--out", str(tmp_path / "out")])
+    assert stopped.value.code == 2
+    assert said in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_recipe_by_its_name_and_by_its_file_is_one(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    copy = tmp_path / "acrnn-quaternion.yaml"
+    copy.write_bytes(files("posecast.recipes").joinpath(copy.name).read_bytes())
+    with pytest.raises(SystemExit) as stopped:
+        main(["compare", "acrnn-quaternion", str(copy), "--out", str(tmp_path / "out")])
+    assert stopped.value.code == 2
+    assert "a recipe is named twice" in capsys.readouterr().err
+
+
+def test_another_codec_is_no_equal_term(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    other = tmp_path / "bare.yaml"
+    other.write_text("extends: acrnn-quaternion\ncodec: {standardize: none}\n", "utf-8")
+    with pytest.raises(SystemExit) as stopped:
+        main(["compare", "acrnn-quaternion", str(other), "--out", str(tmp_path / "out")])
+    assert stopped.value.code == 2
+    assert "not on equal terms: codec is" in capsys.readouterr().err
+
+
+def test_other_metrics_later_keep_their_own_columns(tmp_path: Path) -> None:
+    one = ("compare", ROWS[0], *TINY, "--corpus", "synthetic", "--seeds", "1", "--quiet", "--out")
+    _run(*one, tmp_path)
+    later = "protocol={kind: cmu-acrnn, horizons_ms: [400], stride: 60, metrics: [npss]}"
+    _run(*one, tmp_path, "training.epochs=3", later, "training.select_best_by=npss_400ms")
+    with (tmp_path / ROWS[0] / "0" / "validation.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [bool(row["euclidean_cm_1000ms"]) for row in rows] == [True, True, False]
+    assert [bool(row["npss_400ms"]) for row in rows] == [False, False, True]
+    content = json.loads((tmp_path / "comparison.json").read_text("utf-8"))
+    assert [updates for updates, _ in content["systems"][0]["validation"][0]] == [6]
+
+
+def test_groups_of_windows_have_rows_of_their_own(tmp_path: Path) -> None:
+    options = [each for each in TINY if not each.startswith(("protocol", "training.select"))]
+    _run(
+        *("compare", "bodies-dual-quaternion-small", "bodies-quaternion-offsets-small"),
+        *(*options, "training.validate_every=2", "corpus.of=synthetic"),
+        "protocol={kind: cross-skeleton, horizons_ms: [400], metrics: [euclidean_cm], stride: 60}",
+        *("training.select_best_by=null", "--seeds", "1", "--quiet", "--out", tmp_path),
+    )
+    text = (tmp_path / "comparison.md").read_text("utf-8")
+    for name in ("bodies-dual-quaternion-small", "bodies-quaternion-offsets-small"):
+        assert f"| unseen body (tall), unseen motion | {name} |" in text
+        assert f"| unseen body (tall), seen motion | {name} |" in text
+
+
+@pytest.mark.parametrize(
     ("names", "short"),
     [
         (ROWS, ["quaternion", "dual-quaternion-all", "positions"]),
@@ -153,6 +220,64 @@ def test_long_rollouts_are_held_against_the_training_set(
     for picture in ("endurance.png", "end.png"):
         with Image.open(tmp_path / "end" / picture) as opened:
             assert opened.width > 300
+
+
+def test_a_rollout_on_another_skeleton_is_refused(
+    compared: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from posecast.corpora.synthetic import make_clip
+    from posecast.forecast import rename_joints
+    from posecast.io import write_clip
+
+    clip = make_clip(0, fps=30.0, seconds=3.0)
+    first = clip.skeleton.names[3]
+    (tmp_path / "in").mkdir()
+    for number in range(10):
+        write_clip(rename_joints(clip, {"other": first}), tmp_path / "in" / f"{number}.bvh")
+    with pytest.raises(SystemExit) as stopped:
+        main(
+            [
+                *("endure", str(compared / ROWS[0] / "0" / "best"), "--corpus", "folder"),
+                *("--root", str(tmp_path / "in"), "--out", str(tmp_path / "end")),
+            ]
+        )
+    assert stopped.value.code == 2
+    assert f"it lacks {first}; it has besides other" in capsys.readouterr().err
+
+
+def test_a_rollout_that_blows_up_is_said_to(
+    compared: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    system = load(compared / "acrnn-positions-small" / "0" / "best")
+    with torch.no_grad():
+        for weight in system.forecaster.head.parameters():
+            weight.mul_(1e30)
+    save(system, tmp_path / "blown")
+    _run("endure", tmp_path / "blown", "--frames", "90", "--starts", "1", "--out", tmp_path / "end")
+    assert json.loads(capsys.readouterr().out)["blown_share"] == 1
+
+
+def test_a_mapping_of_a_joint_that_no_checkpoint_has_is_refused(
+    compared: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from posecast.corpora.synthetic import make_clip
+    from posecast.forecast import rename_joints
+    from posecast.io import write_clip
+
+    clip = make_clip(0, fps=30.0, seconds=3.0)
+    name = clip.skeleton.names[3]
+    write_clip(rename_joints(clip, {"other": name}), tmp_path / "walk.bvh")
+    (tmp_path / "names.yaml").write_text(f"{name}x: other\n", "utf-8")
+    with pytest.raises(SystemExit) as stopped:
+        main(
+            [
+                *("forecast", str(compared / ROWS[0] / "0" / "best"), str(tmp_path / "walk.bvh")),
+                *("--mapping", str(tmp_path / "names.yaml"), "--out", str(tmp_path / "out.bvh")),
+            ]
+        )
+    assert stopped.value.code == 2
+    said = capsys.readouterr().err
+    assert f"'{name}x' is no joint of the checkpoint; did you mean '{name}'" in said
 
 
 @pytest.mark.parametrize("name", ROWS)

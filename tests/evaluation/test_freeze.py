@@ -70,6 +70,17 @@ def test_a_trembling_pose_is_frozen_by_speed_and_far_by_spectrum(detector):
     assert found.spectral_distance.min() > 9
 
 
+def test_a_pose_that_trembles_as_fast_as_a_hand_waves_is_frozen(detector):
+    found = detector.examine([waving(301, 12, reach=0.08).motion()])
+    assert 0.5 < found.speed_ratio.median() < 2
+    assert found.speed.min() > detector.slowest
+    assert found.frozen_share.item() == 1
+    assert found.blown_share.item() == 0
+    # Half as far again as the farthest window of the training set is allowed.
+    assert detector.strangest == pytest.approx(1.5 * detector.farthest)
+    assert detector.farthest < 1
+
+
 def test_a_motion_that_runs_away_or_is_no_number_is_blown(detector):
     wild = waving(301, 10).motion()
     assert detector.examine([wild]).blown_share.item() == 1

@@ -30,7 +30,11 @@ def _motion(generator, frames=10, batch=3, scale=1.0) -> Motion:
 
 # Of these the prediction alone, or the truth alone, makes the value.
 ONE_SIDED = (
-    *("acceleration", "acceleration_cmu", "acceleration_true"),
+    *(
+        f"acceleration{what}{ending}"
+        for what in ("", "_true")
+        for ending in ("", "_cmu", "_with_prefix", "_with_prefix_cmu")
+    ),
     *("jitter", "jitter_true"),
 )
 
@@ -53,7 +57,7 @@ def _angles(rotations: torch.Tensor) -> np.ndarray:
 
 
 def test_there_are_as_many_metrics_as_documented():
-    assert len(METRICS) == 21
+    assert len(METRICS) == 29
     assert all(name == metric.name for name, metric in METRICS.items())
 
 

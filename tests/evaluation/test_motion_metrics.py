@@ -99,9 +99,33 @@ def test_accelerations_are_second_differences_in_units_a_frame():
     assert value("acceleration_true", still, steady, 12) == pytest.approx(expected)
     assert value("acceleration_error", still, steady, 12) == pytest.approx(expected)
     assert value("acceleration_error", steady, still, 12) == pytest.approx(expected)
-    assert value("acceleration_cmu", steady, still, 12) == pytest.approx(
-        expected / 5.64444, rel=1e-5
-    )
+    for name, predicted, true in (
+        ("acceleration_cmu", steady, still),
+        ("acceleration_true_cmu", still, steady),
+        ("acceleration_error_cmu", steady, still),
+    ):
+        assert value(name, predicted, true, 12) == pytest.approx(expected / 5.64444, rel=1e-5)
+
+
+def test_accelerations_with_the_prefix_are_of_what_was_expected_in_it_too():
+    turn = 0.1
+    one = 100 * 4 * 0.5 * math.sin(turn / 2) ** 2 / 3  # of a step of 0.1 radians from rest
+    still, prefix = arm([0.0] * 4), arm([0.0] * 4)
+    replayed = arm([0.0, 0.0, turn])
+    # Frames 0 0 t | 0 0 0 0: second differences t, -2t, t, 0, 0 of angles from rest.
+    chord = 100 * 2 * 0.5 * math.sin(turn / 2) / 3
+    vertical, across = 2 * 100 * 0.5 * (1 - math.cos(turn)) / 3, 2 * 100 * 0.5 * math.sin(turn) / 3
+    twice = math.hypot(vertical, across)
+    expected = (chord + twice + chord) / 5
+    assert one < chord
+    found = value("acceleration_with_prefix", still, still, 4, prefix, replayed)
+    assert found == pytest.approx(expected)
+    in_units = value("acceleration_with_prefix_cmu", still, still, 4, prefix, replayed)
+    assert in_units == pytest.approx(expected / 5.64444, rel=1e-5)
+    assert value("acceleration_true_with_prefix", still, still, 4, prefix, replayed) == 0
+    error = value("acceleration_error_with_prefix", still, still, 4, prefix, replayed)
+    assert error == pytest.approx(expected)
+    assert value("acceleration", still, still, 4, prefix, replayed) == 0
 
 
 def test_the_acceleration_error_is_of_all_windows_together():

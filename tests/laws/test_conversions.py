@@ -200,3 +200,19 @@ def test_batch_axes_may_be_empty_or_many(rotations):
         assert back(values).shape == (2, 3, 4, 4)
         assert back(there(q[:0])).shape == (0, 3, 4, 4)
     assert nearest_rotation(quaternion_to_matrix(q[:0])).shape == (0, 3, 4, 3, 3)
+
+
+def test_a_matrix_that_is_not_finite_spoils_no_other(rotations):
+    matrices = quaternion_to_matrix(rotations[:3]).clone()
+    matrices[1, 0, 0] = torch.inf
+    found = nearest_rotation(matrices)
+    assert found[1].isnan().all()
+    torch.testing.assert_close(found[::2], matrices[::2])
+
+
+@pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16])
+def test_the_nearest_rotation_of_half_precision_is_computed_in_single(rotations, dtype):
+    matrices = quaternion_to_matrix(rotations).to(dtype)
+    found = nearest_rotation(matrices)
+    assert found.dtype == dtype
+    torch.testing.assert_close(found, matrices, atol=2e-2, rtol=0)

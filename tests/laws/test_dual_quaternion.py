@@ -227,3 +227,10 @@ def test_precision_and_batch_axes_are_those_of_the_arguments(dtype):
     assert dual.product(one, other).shape == (3, 4, 8)
     assert dual.product(one, other).dtype == dtype
     assert dual.transform(one, torch.zeros(4, 3, dtype=dtype)).shape == (3, 4, 3)
+
+
+@pytest.mark.parametrize(("dtype", "size"), [(torch.float16, 1e-3), (torch.float32, 1e-20)])
+def test_the_norm_of_a_short_real_part_is_its_length(dtype, size):
+    found = dual.norm(torch.tensor([size, 0, 0, 0, 3 * size, size, 0, 0], dtype=dtype))
+    torch.testing.assert_close(found.real, torch.tensor(size, dtype=dtype))
+    torch.testing.assert_close(found.dual, torch.tensor(3 * size, dtype=dtype))

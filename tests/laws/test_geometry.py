@@ -350,3 +350,13 @@ def test_the_type_of_the_input_is_kept(dtype):
     ]
     assert [result.dtype for result in results] == [dtype] * 8
     assert all(result.isfinite().all() for result in results)
+
+
+@pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16, torch.float32, torch.float64])
+@pytest.mark.parametrize("length", [0.0, 1e-4, 1e-2, 300.0])
+def test_normalizing_any_length_is_unit_in_every_type(dtype, length):
+    stretched = (length * torch.tensor([[0.5, -0.5, 0.5, 0.5]])).to(dtype)
+    unit = quaternion.normalize(stretched)
+    expected = [[0.5, -0.5, 0.5, 0.5]] if length else [[1.0, 0, 0, 0]]
+    assert unit.dtype == dtype
+    torch.testing.assert_close(unit, torch.tensor(expected, dtype=dtype), atol=1e-2, rtol=0)

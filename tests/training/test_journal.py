@@ -36,6 +36,15 @@ def test_a_table_of_an_earlier_run_is_begun_anew(tmp_path):
     assert path.read_text() == "epoch,error\n1,2.0\n"
 
 
+def test_a_row_with_other_names_adds_columns(tmp_path):
+    path = tmp_path / "validation.csv"
+    Table(path, 0).add(1, {"distance": 1.0, "angle": 3.0})
+    again = Table(path, 1)
+    again.add(2, {"npss": 0.5, "distance": 2.0})
+    again.add(3, {"npss": 0.25, "distance": 4.0})
+    assert path.read_text() == ("epoch,distance,angle,npss\n1,1.0,3.0,\n2,2.0,,0.5\n3,4.0,,0.25\n")
+
+
 def test_a_table_that_is_gone_or_empty_is_begun_anew(tmp_path):
     empty = tmp_path / "empty.csv"
     empty.touch()

@@ -12,7 +12,15 @@ from typing import Any, NamedTuple
 
 from posecast.cli.terminal import check_root, progress_bar, say
 from posecast.errors import ConfigError
-from posecast.evaluation import AVERAGE, METRICS, Protocol, Report, baseline_scores, build_protocol
+from posecast.evaluation import (
+    AVERAGE,
+    METRICS,
+    Protocol,
+    Report,
+    Scores,
+    baseline_scores,
+    build_protocol,
+)
 from posecast.evaluation.report import format_line
 from posecast.io.atomic import atomic_write
 from posecast.motion import Motion
@@ -31,7 +39,7 @@ class Cost(NamedTuple):
 
     Args:
         parameters: trained values.
-        seconds: of training, validation included, one a seed.
+        seconds: of training, validation and saving left out, one a seed.
         step_ms: milliseconds of an update: median over the epochs of all seeds.
     """
 
@@ -90,10 +98,14 @@ def compare_systems(
         The table, in Markdown.
 
     Raises:
-        ConfigError: a recipe named twice, or recipes on unequal terms; nothing is trained then.
+        ConfigError: no recipe, one named twice, recipes on unequal terms, or an override of what
+            tells runs apart; nothing is trained then.
     """
-    if len(set(names)) < len(names):
-        raise ConfigError(f"{', '.join(names)}: a recipe is named twice; name each once")
+    if not names:
+        raise ConfigError("nothing to compare; name recipes, see posecast recipes")
+    for key in ("name", "training.seed"):
+        if any(each.partition("=")[0].strip() == key for each in overrides):
+            raise ConfigError(f"{key} tells the runs apart; leave it out (--seeds N for more runs)")
     if seeds < 1:
         raise ConfigError(f"--seeds {seeds}: expected 1 or more")
     recipes = [
@@ -104,6 +116,9 @@ def compare_systems(
         for name in names
     ]
     first = recipes[0][0]
+    called = [runs[0].name for runs in recipes]
+    if len(set(called)) < len(called):
+        raise ConfigError(f"{', '.join(called)}: a recipe is named twice; name each once")
     for runs in recipes[1:]:
         _check_terms(first, runs[0])
     chosen = first.protocol if protocol is None else build_protocol(protocol)
@@ -145,7 +160,7 @@ def _terms(recipe: Recipe) -> dict[str, Any]:
         for key, value in config["training"].items()
         if key not in FREE_TO_DIFFER
     }
-    shared = {key: config[key] for key in ("fps", "corpus", "protocol")}
+    shared = {key: config[key] for key in ("fps", "corpus", "codec", "protocol")}
     return {**shared, **training}
 
 
@@ -193,7 +208,8 @@ def _curve(
     updates = {row["epoch"]: int(row["updates"]) for row in log}
     rows = _numbers(place / VALIDATIONS)
     key = recipe.plan.select_best_by or list(rows[0])[1]
-    return tuple((updates[row["epoch"]], float(row[key])) for row in rows)
+    # Validations from before a run was asked to measure something else lack it.
+    return tuple((updates[row["epoch"]], float(row[key])) for row in rows if row.get(key))
 
 
 def _numbers(path: Path) -> list[dict[str, str]]:
@@ -233,10 +249,26 @@ def to_markdown(contestants: Sequence[Contestant], baselines: Sequence[Any], cor
             cells = [line for line in report.lines if (line.action, line.metric) == (AVERAGE, name)]
             lines.append([report.system, *(format_line(line, metric.digits) for line in cells)])
         blocks += [f"**{metric.title} ({metric.unit})**: `{name}`", _table(lines)]
+        if len(first.actions) > 1:
+            blocks.append(_table(_by_action(reports, name, first)))
     notes = [*first.notes, *corpus.notes]
     if first.missing:
         notes.append(f"Missing files: {', '.join(first.missing)}.")
     return "\n\n".join([*blocks, "\n".join(f"- {note}" for note in notes)]) + "\n"
+
+
+def _by_action(reports: Sequence[Report], name: str, like: Scores) -> list[list[str]]:
+    """A metric's values for every group of windows that is scored by itself."""
+    rows = [
+        ["windows", "system", *(f"{ms:g} ms" for ms in like.horizons_ms)],
+        ["---", "---", *("---:" for _ in like.horizons_ms)],
+    ]
+    for action in like.actions:
+        for report in reports:
+            cells = [line for line in report.lines if (line.action, line.metric) == (action, name)]
+            values = (format_line(line, METRICS[name].digits) for line in cells)
+            rows.append([action, report.system, *values])
+    return rows
 
 
 def to_json(contestants: Sequence[Contestant], baselines: Sequence[Any]) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from typing import Any
 
 import torch
 
-from posecast.cli.scoring import corpus_of
+from posecast.cli.scoring import check_skeleton, corpus_of
 from posecast.cli.terminal import progress_bar, say
 from posecast.errors import ConfigError
 from posecast.evaluation import Scene
@@ -53,6 +53,7 @@ def endure(
         raise ConfigError(f"--frames {frames}, --starts {starts}: expected 1 or more of each")
     system = load(checkpoint)
     data = corpus_of(system, corpus, root)
+    check_skeleton(system, data)
     detector = FreezeDetector.of(data.split("train"))
     known = _starts(system, data, starts)
     out.mkdir(parents=True, exist_ok=True)
@@ -159,6 +160,9 @@ def _draw(
         title=f"{name}: {len(minutes)} seconds",
     )
     end = Motion.join_frames([piece.rigid for piece in kept])
+    if not all(torch.isfinite(part).all() for part in (end.rotations_local, end.root_positions)):
+        say(f"{out / 'endurance.png'} written; the end is no motion any more and is not drawn")
+        return
     shown = max(2, min(end.root_positions.shape[1], round(SHOWN_S * like.fps)))
     clip = end.cut(-shown).clip(like, name=f"{name}, at the end")
     draw([clip], out / "end.png")

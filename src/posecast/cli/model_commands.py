@@ -22,7 +22,8 @@ from posecast.cli.terminal import (
     progress_bar,
     say,
 )
-from posecast.errors import SkeletonError
+from posecast.config import did_you_mean
+from posecast.errors import ConfigError, SkeletonError
 
 if TYPE_CHECKING:
     from posecast.motion.corpus import Corpus
@@ -145,14 +146,19 @@ def evaluate(
     systems: Annotated[
         list[str],
         typer.Argument(
-            help="Checkpoint folders, or zero-velocity, running-average-2, running-average-4. "
-            "Several checkpoints are runs of one system: mean and spread are reported."
+            help="Checkpoint folders, or zero-velocity, running-average-2, running-average-4, "
+            "mean-pose. Several checkpoints are runs of one system: mean and spread are reported."
         ),
     ],
     corpus: CorpusOption = None,
     root: RootOption = None,
     protocol: Annotated[
-        str | None, typer.Option("--protocol", help="h36m-standard, h36m-128 or short-term.")
+        str | None,
+        typer.Option(
+            "--protocol",
+            help="h36m-standard, h36m-128, h36m-long, cmu-acrnn, cross-skeleton or short-term; "
+            "as the system's recipe says by default.",
+        ),
     ] = None,
     split: Annotated[str, typer.Option("--split", help="Which clips are scored.")] = "test",
     as_json: JsonOption = False,
@@ -273,6 +279,13 @@ def forecast(
     system = load(checkpoint)
     known = reading.clip(clip)
     names = {} if mapping is None else read_mapping(mapping)
+    for new, old in names.items():
+        # One that takes a name of the checkpoint away from another joint may give any.
+        if new not in system.skeleton.names and old not in system.skeleton.names:
+            raise ConfigError(
+                f"{mapping}: {new!r} is no joint of the checkpoint; "
+                f"{did_you_mean(new, system.skeleton.names)}"
+            )
     try:
         continued = system.forecast(rename_joints(known, names), horizon_ms=horizon_ms)
         continued = rename_joints(continued, {old: new for new, old in names.items()})

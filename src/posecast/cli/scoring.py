@@ -77,7 +77,7 @@ def score_systems(
             )
         seeds[seed] = name
     data = corpus_of(first, corpus, root)
-    _check_skeleton(first, data)
+    check_skeleton(first, data)
     return evaluate_predictors(
         [system.predictor for system in systems],
         _protocol_of(first, protocol),
@@ -107,7 +107,7 @@ def _decisive(system: System) -> dict[str, object]:
     return {**system.recipe.origin, **own, "skeleton": system.skeleton}
 
 
-def _check_skeleton(system: System, corpus: Corpus) -> None:
+def check_skeleton(system: System, corpus: Corpus) -> None:
     """Refuse motion whose joints are not those the system was trained on."""
     wanted, found = system.skeleton, corpus.skeleton
     if wanted == found:

@@ -17,7 +17,8 @@ from posecast.skeleton import Skeleton
 
 FROZEN_QUANTILE = 0.005
 FROZEN_SHARE_OF_MEDIAN = 0.01
-BLOWN_FACTOR = 1.5
+BEYOND = 1.5
+"""How far beyond the farthest window of the training set none of real motion is expected."""
 _AT_ONCE = 64  # windows put through forward kinematics in one piece
 
 
@@ -29,7 +30,8 @@ class Liveliness(NamedTuple):
         speed_ratio: that by the training set's median.
         spectral_distance: how far the power of the joints' velocities must be shifted to be spread
             as the training set's is, hertz on average; infinite where the speed is not finite.
-        frozen: whether the speed is below what the training set has.
+        frozen: whether the speed is below what the training set has, or moves at frequencies that
+            it has not, as a still pose that trembles does.
         blown: whether it is above, or not a finite number.
     """
 
@@ -60,8 +62,10 @@ class FreezeDetector:
     A window is frozen if it is slower than all but one in 200 of the training set's (its quantile
     0.005), so real motion raises about that share of false alarms and no more. Where the training
     set itself stands still that long the quantile says nothing; slower than a hundredth of its
-    median is frozen in any case, as people who stand still sway by more. A window is blown if it
-    is half as fast again as the fastest of the training set.
+    median is frozen in any case, as people who stand still sway by more. A window whose spectrum is
+    half as far again from the training set's as the farthest of its own windows is frozen, too:
+    what is left of it is noise. A window is blown if it is half as fast again as the fastest of the
+    training set.
 
     Args:
         skeleton: joints of the motions.
@@ -69,6 +73,7 @@ class FreezeDetector:
         window: steps from frame to frame in a window.
         speeds: of all windows of the training set, ascending, metres per second.
         spectrum: share of power at each frequency, mean over these windows.
+        farthest: most that a window of the training set is from it, hertz.
     """
 
     skeleton: Skeleton
@@ -76,6 +81,7 @@ class FreezeDetector:
     window: int
     speeds: Float[Tensor, "windows"]
     spectrum: Float[Tensor, "frequencies"]
+    farthest: float
 
     @classmethod
     def of(cls, clips: Iterable[Clip], *, window_s: float = 1.0) -> FreezeDetector:
@@ -109,9 +115,10 @@ class FreezeDetector:
                 shares.append(share.flatten(0, 1))
         if skeleton is None or not speeds:
             raise ConfigError(f"no clip is as long as a window of {window_s:g} s")
-        detector = cls(
-            skeleton, fps, window, torch.cat(speeds).sort().values, torch.cat(shares).mean(0)
-        )
+        every = torch.cat(shares)
+        spectrum = every.mean(0)
+        farthest = _distance(every, spectrum, fps / window).max().item()
+        detector = cls(skeleton, fps, window, torch.cat(speeds).sort().values, spectrum, farthest)
         if not detector.median > 0:
             raise ConfigError("clips that do not move in half of their windows say nothing here")
         return detector
@@ -130,7 +137,12 @@ class FreezeDetector:
     @property
     def fastest(self) -> float:
         """Speed above which a window is blown, metres per second."""
-        return BLOWN_FACTOR * float(self.speeds[-1])
+        return BEYOND * float(self.speeds[-1])
+
+    @property
+    def strangest(self) -> float:
+        """Distance of the spectra, hertz, above which a window is frozen."""
+        return BEYOND * self.farthest
 
     def examine(self, pieces: Iterable[Motion]) -> Liveliness:
         """Look at a rollout, window by window.
@@ -145,11 +157,9 @@ class FreezeDetector:
         """
         speeds: list[Tensor] = []
         distances: list[Tensor] = []
-        expected = self.spectrum.cumsum(0)
-        hertz = self.fps / self.window
         for steps in _windows(pieces, self.skeleton, self.window):
             speed, share = _look(steps * self.fps)
-            distance = hertz * (share.cumsum(-1) - expected).abs().sum(-1)
+            distance = _distance(share, self.spectrum, self.fps / self.window)
             speeds.append(speed)
             distances.append(torch.where(torch.isfinite(speed), distance, torch.inf))
         if not speeds:
@@ -157,12 +167,13 @@ class FreezeDetector:
                 f"a rollout of fewer than {self.window + 1} frames, which is a window of "
                 f"{self.window / self.fps:g} s; forecast longer"
             )
-        speed = torch.cat(speeds, dim=1)
+        speed, distance = torch.cat(speeds, dim=1), torch.cat(distances, dim=1)
+        trembling = torch.isfinite(distance) & (distance > self.strangest)
         return Liveliness(
             speed,
             speed / self.median,
-            torch.cat(distances, dim=1),
-            speed < self.slowest,
+            distance,
+            (speed < self.slowest) | trembling,
             ~(speed <= self.fastest),  # not a number is not below anything
         )
 
@@ -182,6 +193,15 @@ def _windows(
             steps = torch.diff(places(frames, skeleton)[:, :, 1:], dim=1)
             yield steps.unflatten(1, (count, window))
             kept = kept.cut(count * window)
+
+
+def _distance(
+    share: Float[Tensor, "*batch frequencies"],
+    spectrum: Float[Tensor, "frequencies"],
+    hertz: float,
+) -> Float[Tensor, "*batch"]:
+    """How far power must be shifted on average, for frequencies that are ``hertz`` apart."""
+    return hertz * (share - spectrum).cumsum(-1).abs().sum(-1)
 
 
 def _look(

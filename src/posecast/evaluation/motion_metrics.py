@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import torch
 from jaxtyping import Float
@@ -171,7 +172,36 @@ def _distance(unit: float) -> Callable[[Tensor, Tensor], Tensor]:
 
 _CM = 0.01
 _DISTANCE = "Joint distance on the true body, mean up to the horizon"
-_ACCELERATION = "Joint acceleration of the prediction, mean up to the horizon"
+
+
+def _accelerations(*, with_prefix: bool) -> list[Span]:
+    """Of the prediction, of the truth, and their difference, in two units."""
+    what: dict[str, tuple[str, Callable[[Tensor, Tensor], Tensor]]] = {
+        "": ("of the prediction, mean up to the horizon", lambda found, true: _acceleration(found)),
+        "_true": ("of the truth, mean up to the horizon", lambda found, true: _acceleration(true)),
+        "_error": ("over all windows, predicted against true", _acceleration_error),
+    }
+    infix, suffix = ("_with_prefix", ", prefix included") if with_prefix else ("", "")
+    return [
+        Span(
+            f"acceleration{which}{infix}{ending}",
+            f"Joint acceleration {title}{suffix}",
+            f"{unit}/frame^2",
+            partial(_in_unit, measure, size),
+            3,
+            3,
+            with_prefix,
+        )
+        for which, (title, measure) in what.items()
+        for ending, unit, size in (("", "cm", _CM), ("_cmu", CMU, CMU_UNIT))
+    ]
+
+
+def _in_unit(
+    measure: Callable[[Tensor, Tensor], Tensor], unit: float, found: Tensor, true: Tensor
+) -> Tensor:
+    return measure(found, true) / unit
+
 
 MOTION_METRICS: tuple[Metric, ...] = (
     Span("npss", "NPSS of joint positions", "dimensionless", _npss("real")),
@@ -210,38 +240,8 @@ MOTION_METRICS: tuple[Metric, ...] = (
         "mean",
         0,
     ),
-    Span(
-        "acceleration",
-        _ACCELERATION,
-        "cm/frame^2",
-        lambda found, true: _acceleration(found) / _CM,
-        3,
-        3,
-    ),
-    Span(
-        "acceleration_cmu",
-        _ACCELERATION,
-        f"{CMU}/frame^2",
-        lambda found, true: _acceleration(found) / CMU_UNIT,
-        3,
-        3,
-    ),
-    Span(
-        "acceleration_true",
-        "Joint acceleration of the truth, mean up to the horizon",
-        "cm/frame^2",
-        lambda found, true: _acceleration(true) / _CM,
-        3,
-        3,
-    ),
-    Span(
-        "acceleration_error",
-        "Joint acceleration over all windows, predicted against true",
-        "cm/frame^2",
-        lambda found, true: _acceleration_error(found, true) / _CM,
-        3,
-        3,
-    ),
+    *_accelerations(with_prefix=False),
+    *_accelerations(with_prefix=True),
     FrameMetric(
         "bone_length_drift",
         "Bone length error, mean up to the horizon",

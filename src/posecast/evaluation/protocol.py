@@ -209,8 +209,14 @@ def h36m_long(horizons_ms: Sequence[Milliseconds] = LONG_MS) -> Protocol:
 CMU_ACRNN_METRICS = (
     *("npss", "npss_full_power", "npss_with_prefix"),
     *("euclidean_cm", "euclidean_cmu", "euclidean_with_prefix_cm", "euclidean_with_prefix_cmu"),
-    *("emitted_cm", "acceleration", "acceleration_cmu", "acceleration_true"),
-    *("acceleration_error", "bone_length_drift", "jitter", "jitter_true"),
+    "emitted_cm",
+    *(
+        f"acceleration{what}{prefix}{unit}"
+        for what in ("", "_true", "_error")
+        for prefix in ("", "_with_prefix")
+        for unit in ("", "_cmu")
+    ),
+    *("bone_length_drift", "jitter", "jitter_true"),
 )
 
 

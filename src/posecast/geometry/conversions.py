@@ -101,11 +101,18 @@ def nearest_rotation(matrix: Float[Tensor, "*batch 3 3"]) -> Float[Tensor, "*bat
 
     Where several are equally close (rank below two, or a reflection with two equal smallest
     singular values) one of them is returned; the undefined part of the gradient is zero there.
-    At a rotation, where a plain SVD has no gradient, this one has. First derivatives only.
+    At a rotation, where a plain SVD has no gradient, this one has. First derivatives only. A matrix
+    with a number that is not finite gives no numbers; half precision is computed in float32.
 
     Source: U diag(1, 1, det UV^T) V^T with M = U S V^T (Kabsch 1976).
     """
-    return _NearestRotation.apply(matrix)
+    if matrix.dtype in (torch.float16, torch.bfloat16):
+        return nearest_rotation(matrix.float()).to(matrix.dtype)
+    # The decomposition refuses all matrices if one of them is not finite.
+    finite = matrix.isfinite().all(-1, keepdim=True).all(-2, keepdim=True)
+    still = torch.eye(3, dtype=matrix.dtype, device=matrix.device)
+    found = _NearestRotation.apply(torch.where(finite, matrix, still))
+    return torch.where(finite, found, torch.nan)
 
 
 class _NearestRotation(torch.autograd.Function):

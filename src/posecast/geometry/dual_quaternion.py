@@ -89,14 +89,18 @@ def combined_conjugate(dual: Float[Tensor, "*batch 8"]) -> Float[Tensor, "*batch
 
 
 def norm(dual: Float[Tensor, "*batch 8"]) -> DualNumber:
-    """|r| + eps <r, d> / |r|; 1 + 0 eps for unit ones; the dual part is 0 where r is zero."""
+    """|r| + eps <r, d> / |r|; 1 + 0 eps for unit ones; the dual part is 0 where r is zero.
+
+    Zero is a real part shorter than the smallest normal number of its dtype.
+    """
     real, other = dual[..., :4], dual[..., 4:]
-    squared = (real * real).sum(-1)
-    none = squared < torch.finfo(dual.dtype).tiny
-    length = torch.sqrt(torch.where(none, torch.ones_like(squared), squared))
-    along = (real * other).sum(-1) / length
-    zero = torch.zeros_like(squared)
-    return DualNumber(torch.where(none, zero, length), torch.where(none, zero, along))
+    length = torch.linalg.vector_norm(real, dim=-1)
+    none = length < torch.finfo(dual.dtype).tiny
+    direction = real / torch.where(none, torch.ones_like(length), length)[..., None]
+    zero = torch.zeros_like(length)
+    return DualNumber(
+        torch.where(none, zero, length), torch.where(none, zero, (direction * other).sum(-1))
+    )
 
 
 def normalize(dual: Float[Tensor, "*batch 8"], eps: float = 1e-12) -> Float[Tensor, "*batch 8"]:
@@ -119,7 +123,7 @@ def normalize(dual: Float[Tensor, "*batch 8"], eps: float = 1e-12) -> Float[Tens
 
 
 def inverse(dual: Float[Tensor, "*batch 8"]) -> Float[Tensor, "*batch 8"]:
-    """Multiplicative inverse of any whose real part is not zero (those give infinities).
+    """Multiplicative inverse of any whose real part is not zero (those give no numbers).
 
     Source: (r + eps d)^-1 = r^-1 - eps r^-1 d r^-1.
     """
@@ -155,7 +159,7 @@ def log(dual: Float[Tensor, "*batch 8"]) -> Float[Tensor, "*batch 6"]:
     """Twist of a unit dual quaternion, its rotation vector at most pi long: see ``exp``.
 
     ``q`` and ``-q`` give the same, except at the half turn, where the sign chooses the axis. Value
-    and gradient are finite everywhere.
+    and gradient are finite for all unit ones; normalize others, a zero real part gives no numbers.
 
     Source: v = V^-1 t with V^-1 = 1 - 1/2 [w] + (1/a^2)(1 - (a/2) cot(a/2)) [w]^2.
     """

@@ -76,14 +76,20 @@ def conjugate(rotation: Float[Tensor, "*batch 4"]) -> Float[Tensor, "*batch 4"]:
 
 
 def inverse(quaternion: Float[Tensor, "*batch 4"]) -> Float[Tensor, "*batch 4"]:
-    """Multiplicative inverse of a quaternion of any length but zero (that one gives infinities)."""
+    """Multiplicative inverse of a quaternion of any length but zero (which gives no numbers)."""
     return conjugate(quaternion) / (quaternion * quaternion).sum(-1, keepdim=True)
 
 
 def normalize(
     quaternion: Float[Tensor, "*batch 4"], eps: float = 1e-12
 ) -> Float[Tensor, "*batch 4"]:
-    """Scale to unit length; a quaternion shorter than ``eps`` becomes the identity."""
+    """Scale to unit length; a quaternion shorter than ``eps`` becomes the identity.
+
+    For lengths whose squares are numbers of its dtype, in float32 up to 1e19; half precision is
+    computed in float32.
+    """
+    if quaternion.dtype in (torch.float16, torch.bfloat16):
+        return normalize(quaternion.float(), eps).to(quaternion.dtype)
     squared = (quaternion * quaternion).sum(-1, keepdim=True)
     vanishing = squared < eps * eps
     safe = torch.where(vanishing, torch.ones_like(squared), squared)
@@ -126,7 +132,8 @@ def log(rotation: Float[Tensor, "*batch 4"]) -> Float[Tensor, "*batch 3"]:
     """Rotation vector (axis times angle in radians) of a unit quaternion, at most pi long.
 
     ``q`` and ``-q`` give the same vector, except at the half turn, where either of its two
-    axes is right and the sign of the quaternion chooses. The gradient is finite everywhere.
+    axes is right and the sign of the quaternion chooses. The gradient is finite everywhere on the
+    sphere of unit quaternions; a zero quaternion is none, and gives no numbers.
     """
     upper = torch.where(rotation[..., :1] < 0, -rotation, rotation)
     w, u = upper[..., :1], upper[..., 1:]

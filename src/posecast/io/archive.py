@@ -17,13 +17,13 @@ from posecast.errors import DataError, SkeletonError
 from posecast.io.arrays import read_arrays
 from posecast.io.atomic import atomic_write
 from posecast.motion import Clip
+from posecast.motion.checks import check_motion
 from posecast.skeleton import Skeleton
 
 FORMAT = "posecast-clip"
 VERSION = 1
 REQUIRED = ("names", "parents", "offsets", "fps", "root_positions", "rotations_local")
 _TRACK = "track_"
-_UNIT_TOLERANCE = 1e-2
 """Half precision keeps quaternions of unit length to about a thousandth."""
 
 
@@ -37,7 +37,7 @@ def write_archive(clip: Clip, path: str | PathLike[str]) -> None:
         DataError: the place cannot be written, or the clip holds what the format cannot: values
             that are not finite, quaternions that are no rotations, bfloat16.
     """
-    _check_motion(path, clip)
+    check_motion(path, clip)
     arrays: dict[str, np.ndarray] = {
         "format": np.array(FORMAT),
         "version": np.array(VERSION),
@@ -109,30 +109,8 @@ def read_archive(path: str | PathLike[str]) -> Clip:
         labels=_labels(path, arrays),
         tracks=tracks,
     )
-    _check_motion(path, clip)
+    check_motion(path, clip)
     return clip
-
-
-def _check_motion(path: str | PathLike[str], clip: Clip) -> None:
-    """Refuse values that no reader behind the door could use."""
-    motion = {
-        "offsets": clip.offsets,
-        "root_positions": clip.root_positions,
-        "rotations_local": clip.rotations_local,
-        "translations_local": clip.translations_local,
-    }
-    for key, values in motion.items():
-        if values is not None and not torch.isfinite(values).all():
-            frame = int((~torch.isfinite(values)).nonzero()[0, 0])
-            raise DataError(path, f"{key} has a value that is not finite in row {frame}")
-    length = clip.rotations_local.detach().double().norm(dim=-1)
-    if ((length - 1).abs() > _UNIT_TOLERANCE).any():
-        frame, joint = ((length - 1).abs() > _UNIT_TOLERANCE).nonzero()[0].tolist()
-        raise DataError(
-            path,
-            f"rotations_local has a quaternion of length {length[frame, joint]:.4g} in frame "
-            f"{frame}, joint {clip.skeleton.names[joint]!r}, expected 1; normalize them",
-        )
 
 
 def _numbers(path: str | PathLike[str], key: str, values: Tensor) -> np.ndarray:

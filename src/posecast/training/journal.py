@@ -19,7 +19,8 @@ SECONDS_BETWEEN_LINES = 30.0
 class Table:
     """A CSV file that grows by one row an epoch and can be taken back to an earlier epoch.
 
-    Its columns are those of the first row; numbers are written so that they read back exactly.
+    Numbers are written so that they read back exactly. A row with other names, as of a run that
+    was asked to measure something else, adds columns; cells that were not measured are empty.
 
     Args:
         path: the file; its folder must exist.
@@ -29,7 +30,7 @@ class Table:
 
     def __init__(self, path: Path, epoch: int) -> None:
         self.path = path
-        self._begun = False
+        self._columns: list[str] = []
         if epoch == 0 or not path.exists():
             path.unlink(missing_ok=True)
             return
@@ -39,16 +40,30 @@ class Table:
         kept = [row for row in rows if len(row) == len(head) and int(row[0]) <= epoch]
         with atomic_write(path) as temporary, temporary.open("w", newline="") as file:
             csv.writer(file, lineterminator="\n").writerows([head, *kept] if head else [])
-        self._begun = bool(head)
+        self._columns = head
 
     def add(self, epoch: int, row: Mapping[str, float]) -> None:
         """Append the row of an epoch."""
+        new = [name for name in ("epoch", *row) if name not in self._columns]
+        if new:
+            self._widen(new)
+        cells = {"epoch": str(epoch), **{name: repr(value) for name, value in row.items()}}
         with self.path.open("a", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            if not self._begun:
-                writer.writerow(["epoch", *row])
-            writer.writerow([epoch, *(repr(value) for value in row.values())])
-        self._begun = True
+            csv.writer(file, lineterminator="\n").writerow(
+                [cells.get(name, "") for name in self._columns]
+            )
+
+    def _widen(self, new: list[str]) -> None:
+        """Add columns on the right, empty so far."""
+        rows: list[list[str]] = []
+        if self._columns:
+            with self.path.open(newline="", encoding="utf-8") as file:
+                _, *rows = list(csv.reader(file))
+        self._columns = [*self._columns, *new]
+        with atomic_write(self.path) as temporary, temporary.open("w", newline="") as file:
+            csv.writer(file, lineterminator="\n").writerows(
+                [self._columns, *([*row, *("" for _ in new)] for row in rows)]
+            )
 
 
 class Display:

@@ -103,7 +103,6 @@ class Keeper:
         """
         now = time.monotonic()
         row = {"updates": updates, **averages, "seconds": round(now - self._told, 3)}
-        self._told = now
         self.log.add(done, row)
         final = done == self.plan.epochs
         found: dict[str, float] = {}
@@ -127,6 +126,7 @@ class Keeper:
             self._keep(done, updates, optimizer)
         if self.display is not None:
             self.display.update(done, {"loss": averages["loss"], **self._headline()})
+        self._told = time.monotonic()  # the next epoch's seconds are those of its training alone
         return {**row, **{f"validation/{name}": value for name, value in found.items()}}
 
     def _score(self, validate: Validate) -> dict[str, float]:
