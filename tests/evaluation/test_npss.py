@@ -111,3 +111,8 @@ def test_a_prediction_without_any_power_has_a_value(motionless, generator):
 def test_a_truth_without_any_power_scores_zero():
     still = torch.zeros(2, 12, 3, dtype=torch.float64)
     assert npss(still + 1, still).tolist() == [0.0, 0.0]
+
+
+def test_no_windows_have_no_values():
+    none = torch.zeros(0, 8, 3, dtype=torch.float64)
+    assert npss(none, none).shape == (0,)

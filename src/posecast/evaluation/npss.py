@@ -35,11 +35,13 @@ def npss(
             ``full``: the squared magnitude, as the paper says.
 
     Returns:
-        Zero where no feature of any true window differs from zero.
+        Zero where no feature of any true window differs from zero; nothing for an empty batch.
 
     Source: Gopalakrishnan et al. 2019, "A neural temporal model for human motion prediction"; the
     small number added to all totals where a true one is zero is that of Andreou et al. 2022 (code).
     """
+    if target.numel() == 0:  # which the transform refuses
+        return target.new_zeros(len(target))
     found, true = (_power(values, power) for values in (predicted, target))
     weight = true.sum(1)
     tiny = TINY if bool((weight == 0).any()) else 0.0
