@@ -313,6 +313,12 @@ def test_a_wrong_objective_says_what_is_wrong(terms, said):
         Objective(terms)
 
 
+def test_an_order_that_no_loss_measures_in_is_refused():
+    with pytest.raises(ConfigError, match="order 'xyz' changes nothing without the loss 'euler'"):
+        Objective({"features": 1.0}, order="xyz")
+    assert Objective({"euler": 1.0}, order="xyz").order == "xyz"
+
+
 def test_an_objective_refuses_root_channels_that_nothing_would_train(tiny):
     moving = Codec(tiny.SKELETON, Quaternion(), root="displacement")
     held = Codec(tiny.SKELETON, Quaternion())

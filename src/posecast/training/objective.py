@@ -41,7 +41,8 @@ class Objective:
         order: Euler order of the terms that measure angles.
 
     Raises:
-        ConfigError: no term, an unknown one, or a weight that is not positive.
+        ConfigError: no term, an unknown one, a weight that is not positive, or another order than
+            the default without a term that measures angles.
     """
 
     terms: Mapping[str, float]
@@ -58,6 +59,10 @@ class Objective:
         if self.order not in ORDERS:
             raise ConfigError(
                 f"order {self.order!r} is unknown; {did_you_mean(self.order, ORDERS)}"
+            )
+        if self.order != Objective.order and "euler" not in self.terms:
+            raise ConfigError(
+                f"order {self.order!r} changes nothing without the loss 'euler'; leave it out"
             )
 
     def check(self, codec: Codec) -> None:
