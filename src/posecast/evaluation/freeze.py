@@ -30,9 +30,9 @@ class Liveliness(NamedTuple):
         speed_ratio: that by the training set's median.
         spectral_distance: how far the power of the joints' velocities must be shifted to be spread
             as the training set's is, hertz on average; infinite where the speed is not finite.
-        frozen: whether the speed is below what the training set has, or moves at frequencies that
-            it has not, as a still pose that trembles does.
-        blown: whether it is above, or not a finite number.
+        frozen: whether the speed is below what the training set has, or the joints move at
+            frequencies that it has not, as those of a still pose that trembles do.
+        blown: whether the speed is above, or not a finite number.
     """
 
     speed: Float[Tensor, "batch windows"]

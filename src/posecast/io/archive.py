@@ -24,7 +24,6 @@ FORMAT = "posecast-clip"
 VERSION = 1
 REQUIRED = ("names", "parents", "offsets", "fps", "root_positions", "rotations_local")
 _TRACK = "track_"
-"""Half precision keeps quaternions of unit length to about a thousandth."""
 
 
 def write_archive(clip: Clip, path: str | PathLike[str]) -> None:

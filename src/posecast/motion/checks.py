@@ -10,6 +10,7 @@ from posecast.errors import DataError
 from posecast.motion.clip import Clip
 
 _UNIT_TOLERANCE = 1e-2
+"""Half precision keeps quaternions of unit length to about a thousandth."""
 
 
 def check_motion(where: str | PathLike[str], clip: Clip) -> None:
