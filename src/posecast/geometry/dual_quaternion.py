@@ -13,7 +13,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from posecast.geometry import conversions, quaternion
+from posecast.geometry import conversions, parts, quaternion
 
 
 class DualNumber(NamedTuple):
@@ -58,9 +58,10 @@ def translation(dual: Float[Tensor, "*batch 8"]) -> Float[Tensor, "*batch 3"]:
     The vector part of 2 d conj(r). Its scalar part, 2 <r, d>, is zero for unit ones and is
     dropped from others: normalize those first.
     """
-    w, u = dual[..., :1], dual[..., 1:4]
-    scalar, vector = dual[..., 4:5], dual[..., 5:]
-    return 2 * (w * vector - scalar * u + torch.linalg.cross(u, vector))
+    w, *u, scalar, a, b, c = dual.unbind(-1)
+    turned = parts.cross(u, (a, b, c))
+    moved = zip((a, b, c), u, turned, strict=True)
+    return 2 * torch.stack([w * one - scalar * two + three for one, two, three in moved], dim=-1)
 
 
 def product(

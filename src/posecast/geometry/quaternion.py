@@ -6,6 +6,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from posecast.geometry import parts
+
 
 def identity(*shape: int, like: Tensor) -> Float[Tensor, "*shape 4"]:
     """Identity rotations (1, 0, 0, 0) with the dtype and device of ``like``."""
@@ -108,10 +110,11 @@ def rotate(
 
     Source: Rodrigues' formula written with q = (w, u): v + 2w (u x v) + 2u x (u x v).
     """
-    w = rotation[..., :1]
-    u, v = torch.broadcast_tensors(rotation[..., 1:], vector)
-    t = 2 * torch.linalg.cross(u, v)
-    return v + w * t + torch.linalg.cross(u, t)
+    w, *u = rotation.unbind(-1)
+    v = vector.unbind(-1)
+    once = [2 * part for part in parts.cross(u, v)]
+    twice = parts.cross(u, once)
+    return torch.stack([a + w * b + c for a, b, c in zip(v, once, twice, strict=True)], dim=-1)
 
 
 def exp(axis_angle: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 4"]:

@@ -7,7 +7,6 @@ level at a time; back is one product for all joints at once.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import torch
@@ -105,46 +104,11 @@ def root_to_local_motion(
     # the parents' table rather than the plan: a compiler follows it, and fuses the gather
     parents = torch.tensor(skeleton.parents, device=dual_root.device)
     above = dual_root.index_select(-2, parents.clamp_min(0))
-    still = dual_quaternion.identity(like=dual_root)
-    above = torch.where((parents < 0)[:, None], still, above)
-    return _seen_from(above.unbind(-1), dual_root.unbind(-1))
-
-
-def _seen_from(above: Sequence[Tensor], own: Sequence[Tensor]) -> LocalMotion:
-    """Conjugates of ``above`` times ``own``: number by number, so that a compiler fuses it all.
-
-    Derivatives cost less so, too: nothing is gathered or put together in between.
-    """
-    a, b, c, d = above[:4]
-    w, x, y, z = own[:4]
-    turned = (
-        a * w + b * x + c * y + d * z,
-        a * x - b * w - c * z + d * y,
-        a * y + b * z - c * w - d * x,
-        a * z - b * y + c * x - d * w,
-    )
-    bone = [there - here for there, here in zip(_place(own), _place(above), strict=True)]
-    once = [2 * part for part in _cross(bone, (b, c, d))]
-    twice = _cross(once, (b, c, d))
-    moved = [part + a * i + j for part, i, j in zip(bone, once, twice, strict=True)]
-    return LocalMotion(torch.stack(turned, dim=-1), torch.stack(moved, dim=-1))
-
-
-def _place(dual: Sequence[Tensor]) -> tuple[Tensor, Tensor, Tensor]:
-    """Translation of unit dual quaternions, see ``dual_quaternion.translation``."""
-    w, *u, scalar = dual[:5]
-    x, y, z = _cross(u, dual[5:])
-    return (
-        2 * (w * dual[5] - scalar * u[0] + x),
-        2 * (w * dual[6] - scalar * u[1] + y),
-        2 * (w * dual[7] - scalar * u[2] + z),
-    )
-
-
-def _cross(left: Sequence[Tensor], right: Sequence[Tensor]) -> tuple[Tensor, Tensor, Tensor]:
-    a, b, c = left
-    x, y, z = right
-    return b * z - c * y, c * x - a * z, a * y - b * x
+    # Below nothing: a root is seen from where it is, unturned.
+    above = torch.where((parents < 0)[:, None], dual_quaternion.identity(like=dual_root), above)
+    back = quaternion.conjugate(above[..., :4])
+    bones = dual_quaternion.translation(dual_root) - dual_quaternion.translation(above)
+    return LocalMotion(quaternion.product(back, dual_root[..., :4]), quaternion.rotate(back, bones))
 
 
 def _plain(*tensors: Tensor) -> bool:
