@@ -14,7 +14,7 @@ import json
 from collections.abc import Callable
 
 import torch
-from benchmarks.timing import paired, table
+from benchmarks.timing import paired, rows_of, table
 from pymotion.ops.skeleton_torch import from_root_dual_quat, to_root_dual_quat
 
 from posecast.geometry import dual_quaternion, quaternion
@@ -90,16 +90,7 @@ def run(*, compile_too: bool = True, rounds: int = 9) -> list[dict[str, object]]
             if task == "forward":
                 timed["a copy of the dual quaternions"] = dual.clone
             timings = paired(timed, next(iter(timed)), rounds=rounds, warmup=2)
-            rows += [
-                {
-                    "name": f"{name}, {task}, {POSES} x {joints}",
-                    "candidate": key,
-                    "seconds": timing.median_seconds,
-                    "ratio": timing.ratio,
-                    "foreign_load": timing.foreign_load,
-                }
-                for key, timing in timings.items()
-            ]
+            rows += rows_of(f"{name}, {task}, {POSES} x {joints}", timings)
     return rows
 
 

@@ -24,7 +24,7 @@ from torch import Tensor
 sys.path.insert(0, str(Path(__file__).parent))
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests/references"))
 from plain_kinematics import plain_kinematics, plain_positions
-from timing import paired, table
+from timing import paired, rows_of, table
 
 from posecast.geometry import quaternion
 from posecast.skeleton import Skeleton, forward_kinematics, joint_positions, named_skeleton
@@ -70,16 +70,7 @@ def _compare(poses: int, rounds: int, *, compile_too: bool) -> list[dict[str, ob
             source = torch.zeros(poses * joints * floats // 2)
             calls["floor"] = _bound(torch.zeros_like(source).copy_, source)
             timings = paired(calls, next(iter(candidates)), rounds=rounds, warmup=1)
-            rows += [
-                {
-                    "name": f"{results}, {task}, {poses} x {joints}",
-                    "candidate": name,
-                    "seconds": timing.median_seconds,
-                    "ratio": timing.ratio,
-                    "foreign_load": timing.foreign_load,
-                }
-                for name, timing in timings.items()
-            ]
+            rows += rows_of(f"{results}, {task}, {poses} x {joints}", timings)
     return rows
 
 

@@ -11,11 +11,11 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 
 import torch
-from benchmarks.timing import paired, table
+from benchmarks.timing import paired, rows_of, table
 from torch import Tensor
 
 from posecast.geometry import quaternion
@@ -24,13 +24,14 @@ from posecast.recipe import load_recipe
 from posecast.representation import REPRESENTATIONS, build_representation
 from posecast.skeleton import Skeleton, named_skeleton
 from posecast.training import training_loss
-from posecast.training.feeding import ScheduledSampling
 
 POSES = 20_000
 MILLION = 1_000_000
+HALFWAY = 138
+"""The epoch by which QuaterNet reads the truth in half of the steps: 0.995^138 is 0.5."""
 
 
-def run(*, rounds: int = 3, hidden: int = 1024, batch: int = 32) -> list[dict[str, object]]:
+def run(*, rounds: int = 3, overrides: Sequence[str] = ()) -> list[dict[str, object]]:
     """Rows ``name, candidate, seconds, ratio, foreign_load``; ratio > 1: faster than the first.
 
     Encoding and decoding are held against ``ortho6d``'s, training steps against quaternions'.
@@ -38,8 +39,8 @@ def run(*, rounds: int = 3, hidden: int = 1024, batch: int = 32) -> list[dict[st
     skeleton = named_skeleton("cmu-31").skeleton
     return [
         *_coding(skeleton, rounds + 2),
-        *_steps(skeleton, rounds, hidden, batch),
-        *_quaternet_steps(rounds, hidden),
+        *_acrnn_steps(skeleton, rounds, overrides),
+        *_quaternet_steps(named_skeleton("h36m-32").skeleton, rounds, overrides),
     ]
 
 
@@ -60,78 +61,45 @@ def _coding(skeleton: Skeleton, rounds: int) -> list[dict[str, object]]:
     for task, calls in tasks.items():
         with torch.no_grad():
             timings = paired(calls, "ortho6d", rounds=rounds, warmup=1)
-        rows += [
-            {
-                "name": f"{task}, a million poses of {len(skeleton)} joints",
-                "candidate": kind,
-                "seconds": timing.median_seconds * MILLION / POSES,
-                "ratio": timing.ratio,
-                "foreign_load": timing.foreign_load,
-            }
-            for kind, timing in timings.items()
-        ]
+        name = f"{task}, a million poses of {len(skeleton)} joints"
+        rows += rows_of(name, timings, times=MILLION / POSES)
     return rows
 
 
-def _steps(skeleton: Skeleton, rounds: int, hidden: int, batch: int) -> list[dict[str, object]]:
+def _acrnn_steps(
+    skeleton: Skeleton, rounds: int, overrides: Sequence[str]
+) -> list[dict[str, object]]:
     """Seconds of an update, network and optimizer."""
     calls: dict[str, Callable[[], object]] = {
-        kind: _step("acrnn-quaternion", skeleton, hidden, batch, f"representation={{kind: {kind}}}")
+        kind: _step("acrnn-quaternion", skeleton, [f"representation={{kind: {kind}}}", *overrides])
         for kind in REPRESENTATIONS
     }
-    calls["dual_quaternion, all losses"] = _step(
-        "acrnn-dual-quaternion-all", skeleton, hidden, batch
-    )
-    timings = paired(calls, "quaternion", rounds=rounds, warmup=1)
-    return [
-        {
-            "name": f"training step of acRNN, {hidden} units, batch {batch}",
-            "candidate": kind,
-            "seconds": timing.median_seconds,
-            "ratio": timing.ratio,
-            "foreign_load": timing.foreign_load,
-        }
-        for kind, timing in timings.items()
-    ]
+    calls["dual_quaternion, all losses"] = _step("acrnn-dual-quaternion-all", skeleton, overrides)
+    return rows_of("training step of acRNN", paired(calls, "quaternion", rounds=rounds, warmup=1))
 
 
-def _quaternet_steps(rounds: int, hidden: int) -> list[dict[str, object]]:
-    """Seconds of an update of QuaterNet, at its recipes' batch."""
-    skeleton = named_skeleton("h36m-32").skeleton
+def _quaternet_steps(
+    skeleton: Skeleton, rounds: int, overrides: Sequence[str]
+) -> list[dict[str, object]]:
+    """Seconds of an update, network and optimizer."""
     names = ("quaternet-vel", "quaternet-dual-quaternion", "quaternet-dual-quaternion-positions")
-    units = hidden if hidden != 1024 else 1000
-    calls = {name: _step(name, skeleton, units, None) for name in names}
-    timings = paired(calls, names[0], rounds=rounds, warmup=1)
-    return [
-        {
-            "name": f"training step of QuaterNet, {units} units",
-            "candidate": name,
-            "seconds": timing.median_seconds,
-            "ratio": timing.ratio,
-            "foreign_load": timing.foreign_load,
-        }
-        for name, timing in timings.items()
-    ]
+    calls = {name: _step(name, skeleton, overrides) for name in names}
+    return rows_of("training step of QuaterNet", paired(calls, names[0], rounds=rounds, warmup=1))
 
 
-def _step(
-    name: str, skeleton: Skeleton, hidden: int, batch: int | None, *overrides: str
-) -> Callable[[], object]:
+def _step(name: str, skeleton: Skeleton, overrides: Sequence[str]) -> Callable[[], object]:
     """An update of a fresh network on made-up windows."""
-    recipe = load_recipe(name, [f"model.backbone.hidden={hidden}", *overrides])
-    motion = _motion(skeleton, batch or recipe.plan.batch, recipe.plan.prefix + recipe.plan.horizon)
+    recipe = load_recipe(name, overrides)
+    plan = recipe.plan
+    motion = _motion(skeleton, plan.batch, plan.prefix + plan.horizon)
     plain = recipe.build_codec(skeleton)
     forecaster = recipe.build_forecaster(recipe.build_codec(skeleton, plain.measure([motion])))
     optimizer = torch.optim.Adam(forecaster.parameters(), lr=1e-4, fused=True)
-    if isinstance(recipe.feed, ScheduledSampling):
-        generator = torch.Generator().manual_seed(0)
-        mask = ScheduledSampling(0.5).mask(recipe.plan.horizon, 1, generator)
-    else:
-        mask = recipe.feed.mask(recipe.plan.horizon, 0, torch.Generator())
+    mask = recipe.feed.mask(plan.horizon, HALFWAY, torch.Generator().manual_seed(0))
 
     def update() -> Tensor:
         loss = training_loss(
-            forecaster, motion, prefix=recipe.plan.prefix, mask=mask, objective=recipe.objective
+            forecaster, motion, prefix=plan.prefix, mask=mask, objective=recipe.objective
         ).total
         optimizer.zero_grad()
         loss.backward()
@@ -162,10 +130,11 @@ def main() -> None:
     )
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
     parser.add_argument("--rounds", type=int, default=3, help="timed rounds (default 3)")
-    parser.add_argument("--hidden", type=int, default=1024, help="units a layer (default 1024)")
-    parser.add_argument("--batch", type=int, default=32, help="windows (default 32)")
+    parser.add_argument(
+        "overrides", nargs="*", help="of the recipes, such as model.backbone.hidden=64"
+    )
     arguments = parser.parse_args()
-    rows = run(rounds=arguments.rounds, hidden=arguments.hidden, batch=arguments.batch)
+    rows = run(rounds=arguments.rounds, overrides=arguments.overrides)
     print(json.dumps(rows, indent=1) if arguments.json else table(rows))
 
 

@@ -70,6 +70,28 @@ def paired(
     }
 
 
+def rows_of(
+    name: str, timings: Mapping[str, Timing], *, times: float = 1.0
+) -> list[dict[str, object]]:
+    """A row ``name, candidate, seconds, ratio, foreign_load`` for every candidate.
+
+    Args:
+        name: of what they all do.
+        timings: of the candidates.
+        times: how many calls the seconds are to be of.
+    """
+    return [
+        {
+            "name": name,
+            "candidate": candidate,
+            "seconds": timing.median_seconds * times,
+            "ratio": timing.ratio,
+            "foreign_load": timing.foreign_load,
+        }
+        for candidate, timing in timings.items()
+    ]
+
+
 def table(rows: list[dict[str, object]]) -> str:
     """Rows with the same keys as a plain text table; numbers to three digits."""
     if not rows:

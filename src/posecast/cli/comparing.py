@@ -6,22 +6,13 @@ import csv
 import json
 import statistics
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
+from posecast.cli.compared import Contestant, Cost, to_json, to_markdown
 from posecast.cli.terminal import check_root, progress_bar, say
 from posecast.errors import ConfigError
-from posecast.evaluation import (
-    AVERAGE,
-    METRICS,
-    Protocol,
-    Report,
-    Scores,
-    baseline_scores,
-    build_protocol,
-)
-from posecast.evaluation.report import format_line
+from posecast.evaluation import Protocol, Report, baseline_scores, build_protocol
 from posecast.io.atomic import atomic_write
 from posecast.motion import Motion
 from posecast.motion.corpus import Corpus
@@ -32,39 +23,6 @@ from posecast.training.keeping import BEST, LAST, LOG, VALIDATIONS
 PICTURE_MS = 3000  # how much of a forecast the film shows
 FREE_TO_DIFFER = ("objective", "seed", "feedback_gradient")
 """Keys of ``training`` that are part of a system, not of the terms it is compared on."""
-
-
-class Cost(NamedTuple):
-    """What a system took.
-
-    Args:
-        parameters: trained values.
-        seconds: of training, validation and saving left out, one a seed.
-        step_ms: milliseconds of an update: median over the epochs of all seeds.
-    """
-
-    parameters: int
-    seconds: tuple[float, ...]
-    step_ms: float
-
-
-@dataclass(frozen=True, eq=False)
-class Contestant:
-    """One system of a comparison: its trained runs, its scores and its cost.
-
-    Args:
-        recipe: with the first seed.
-        runs: trained systems, one a seed.
-        report: scores of the runs.
-        cost: what training took.
-        curves: for each seed (updates, value) of the metric that runs are selected by.
-    """
-
-    recipe: Recipe
-    runs: tuple[System, ...]
-    report: Report
-    cost: Cost
-    curves: tuple[tuple[tuple[int, float], ...], ...]
 
 
 def compare_systems(
@@ -217,81 +175,6 @@ def _numbers(path: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
-def to_markdown(contestants: Sequence[Contestant], baselines: Sequence[Any], corpus: Corpus) -> str:
-    """One table of costs, then one a metric with a row for every system and baseline."""
-    first = contestants[0].report.runs[0]
-    seeds = len(contestants[0].runs)
-    rows = [
-        ["system", "parameters", "training (s)", "step (ms)"],
-        ["---", "---:", "---:", "---:"],
-        *(
-            [
-                each.recipe.name,
-                f"{each.cost.parameters:,}",
-                _spread(each.cost.seconds, 0),
-                f"{each.cost.step_ms:.0f}",
-            ]
-            for each in contestants
-        ),
-    ]
-    blocks = [
-        f"**{len(contestants)} systems on equal terms**: corpus {first.corpus}, protocol "
-        f"{first.protocol}, {_count(seeds, 'seed')} each"
-        + (", mean ± standard deviation" if seeds > 1 else ""),
-        _table(rows),
-    ]
-    reports = [*(each.report for each in contestants), *(Report((scores,)) for scores in baselines)]
-    for name in first.metrics:
-        metric = METRICS[name]
-        head = ["system", *(f"{ms:g} ms" for ms in first.horizons_ms)]
-        lines = [head, ["---", *("---:" for _ in first.horizons_ms)]]
-        for report in reports:
-            cells = [line for line in report.lines if (line.action, line.metric) == (AVERAGE, name)]
-            lines.append([report.system, *(format_line(line, metric.digits) for line in cells)])
-        blocks += [f"**{metric.title} ({metric.unit})**: `{name}`", _table(lines)]
-        if len(first.actions) > 1:
-            blocks.append(_table(_by_action(reports, name, first)))
-    notes = [*first.notes, *corpus.notes]
-    if first.missing:
-        notes.append(f"Missing files: {', '.join(first.missing)}.")
-    return "\n\n".join([*blocks, "\n".join(f"- {note}" for note in notes)]) + "\n"
-
-
-def _by_action(reports: Sequence[Report], name: str, like: Scores) -> list[list[str]]:
-    """A metric's values for every group of windows that is scored by itself."""
-    rows = [
-        ["windows", "system", *(f"{ms:g} ms" for ms in like.horizons_ms)],
-        ["---", "---", *("---:" for _ in like.horizons_ms)],
-    ]
-    for action in like.actions:
-        for report in reports:
-            cells = [line for line in report.lines if (line.action, line.metric) == (action, name)]
-            values = (format_line(line, METRICS[name].digits) for line in cells)
-            rows.append([action, report.system, *values])
-    return rows
-
-
-def to_json(contestants: Sequence[Contestant], baselines: Sequence[Any]) -> dict[str, Any]:
-    """All numbers by name, those of every seed included."""
-    return {
-        "systems": [
-            {
-                "system": each.recipe.name,
-                "parameters": each.cost.parameters,
-                "training_seconds": list(each.cost.seconds),
-                "step_ms": each.cost.step_ms,
-                "validation": [[list(point) for point in curve] for curve in each.curves],
-                "seeds": [[row._asdict() for row in run.rows] for run in each.report.runs],
-            }
-            for each in contestants
-        ],
-        "baselines": [
-            {"system": scores.system, "rows": [row._asdict() for row in scores.rows]}
-            for scores in baselines
-        ],
-    }
-
-
 def _draw(contestants: Sequence[Contestant], corpus: Corpus, protocol: Protocol, out: Path) -> None:
     """The convergence plot and the film."""
     from posecast.viewer import draw
@@ -343,20 +226,6 @@ def _shared(lists: Sequence[Sequence[str]]) -> int:
         if len(set(words)) > 1:
             return place
     return min(map(len, lists))
-
-
-def _table(rows: Sequence[Sequence[str]]) -> str:
-    return "\n".join("| " + " | ".join(row) + " |" for row in rows)
-
-
-def _spread(values: Sequence[float], digits: int) -> str:
-    """Mean and sample standard deviation."""
-    text = f"{statistics.fmean(values):.{digits}f}"
-    return text if len(values) < 2 else f"{text} ± {statistics.stdev(values):.{digits}f}"
-
-
-def _count(number: int, what: str) -> str:
-    return f"{number} {what}{'' if number == 1 else 's'}"
 
 
 def _write(path: Path, text: str) -> None:

@@ -142,7 +142,9 @@ class Report:
                 without it.
         """
         first = self.runs[0]
-        blocks = [self._table(metric) for metric in metrics or first.metrics]
+        blocks = [
+            metric_table(metric, first, self._all_lines()) for metric in metrics or first.metrics
+        ]
         notes = [*first.notes]
         if first.missing:
             notes.append(f"Missing files: {', '.join(first.missing)}.")
@@ -158,36 +160,6 @@ class Report:
     def _all_lines(self) -> tuple[Line, ...]:
         return (*self.lines, *self.baseline_lines)
 
-    def _table(self, name: str) -> str:
-        """The table of one metric."""
-        first, metric = self.runs[0], METRICS[name]
-        left_out = ", ".join(first.joints_left_out[name]) or "none"
-        head = (
-            f"**{metric.title} ({metric.unit})**: `{name}`, protocol {first.protocol}, corpus "
-            f"{first.corpus}, split {first.split}; joints left out: {left_out}"
-        )
-        columns = [f"{horizon:g} ms" for horizon in first.horizons_ms]
-        rows = [
-            ["action", "system", *columns, "windows"],
-            ["---", "---", *["---:" for _ in columns], "---:"],
-        ]
-        lines = [line for line in self._all_lines() if line.metric == name]
-        systems = dict.fromkeys(line.system for line in lines)
-        averaged = (AVERAGE,) if len(first.actions) > 1 else ()
-        for action in (*first.actions, *averaged):
-            for system in systems:
-                cells = [line for line in lines if (line.system, line.action) == (system, action)]
-                texts = [format_line(line, metric.digits) for line in cells]
-                rows.append([self._label(action), system, *texts, str(cells[0].windows)])
-        return "\n".join([head, "", *("| " + " | ".join(row) + " |" for row in rows)])
-
-    def _label(self, action: str) -> str:
-        """The action; for the average also over how many actions it is."""
-        if action != AVERAGE:
-            return action
-        measured, expected = len(self.runs[0].actions), self.runs[0].expected
-        return f"average of {measured}" + ("" if measured == expected else f" (of {expected})")
-
     def _intervals(self, metrics: Iterable[str], generator: torch.Generator) -> list[str]:
         """Sentences with the bootstrap intervals of the system's averages."""
         first, notes = self.runs[0], []
@@ -200,6 +172,52 @@ class Report:
             )
             notes.append(f"95 % of bootstrap averages of {self.system}, `{name}`: {spans}.")
         return notes
+
+
+def metric_table(name: str, like: Scores, lines: Iterable[Line]) -> str:
+    """What a metric is, and its values: a row for every action and system, then the average.
+
+    Args:
+        name: of the metric.
+        like: scores on the same windows, for what is said of them.
+        lines: of any systems and metrics.
+    """
+    metric = METRICS[name]
+    left_out = ", ".join(like.joints_left_out[name]) or "none"
+    head = (
+        f"**{metric.title} ({metric.unit})**: `{name}`, protocol {like.protocol}, corpus "
+        f"{like.corpus}, split {like.split}; joints left out: {left_out}"
+    )
+    columns = [f"{horizon:g} ms" for horizon in like.horizons_ms]
+    rows = [
+        ["action", "system", *columns, "windows"],
+        ["---", "---", *["---:" for _ in columns], "---:"],
+    ]
+    found: dict[tuple[str, str], list[Line]] = {}
+    for line in lines:
+        if line.metric == name:
+            found.setdefault((line.action, line.system), []).append(line)
+    systems = dict.fromkeys(system for _, system in found)
+    averaged = (AVERAGE,) if len(like.actions) > 1 else ()
+    for action in (*like.actions, *averaged):
+        for system in systems:
+            cells = found[action, system]
+            texts = [_cell(line, metric.digits) for line in cells]
+            rows.append([_label(action, like), system, *texts, str(cells[0].windows)])
+    return f"{head}\n\n{markdown_rows(rows)}"
+
+
+def markdown_rows(rows: Iterable[Sequence[str]]) -> str:
+    """Rows of a table in Markdown; the second says how columns are aligned."""
+    return "\n".join("| " + " | ".join(row) + " |" for row in rows)
+
+
+def _label(action: str, like: Scores) -> str:
+    """The action; for the average also over how many actions it is."""
+    if action != AVERAGE:
+        return action
+    measured, expected = len(like.actions), like.expected
+    return f"average of {measured}" + ("" if measured == expected else f" (of {expected})")
 
 
 def baseline_scores(
@@ -274,7 +292,7 @@ def _json_row(line: Line) -> dict[str, Any]:
     return row
 
 
-def format_line(line: Line, digits: int) -> str:
+def _cell(line: Line, digits: int) -> str:
     """A value with its spread, and the printed number in brackets."""
     text = f"{line.value:.{digits}f}"
     if line.std is not None:
