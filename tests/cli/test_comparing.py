@@ -66,7 +66,7 @@ def test_costs_are_those_of_the_logs(compared: Path) -> None:
         with (compared / ROWS[0] / seed / "log.csv").open(newline="") as file:
             seconds.append([float(row["seconds"]) for row in csv.DictReader(file)])
     assert system["training_seconds"] == pytest.approx([sum(each) for each in seconds])
-    # Two updates an epoch; milliseconds of one. Validation is no part of it.
+    # Two updates an epoch; milliseconds of one.
     of_one = [1000 * epoch / 2 for each in seconds for epoch in each]
     assert system["step_ms"] == pytest.approx(statistics.median(of_one))
 

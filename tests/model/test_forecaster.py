@@ -190,7 +190,7 @@ def test_misspelled_choices_are_refused_without_the_checks_of_the_suite():
     code = """
 from functools import partial
 from posecast.errors import ConfigError
-from posecast.model import DenseHead, Forecaster, GRUBackbone
+from posecast.model import DenseHead, Forecaster, GRUBackbone, LSTMBackbone
 from posecast.representation import Codec, Quaternion
 from posecast.skeleton import Skeleton
 skeleton = Skeleton(("hips",), (-1,))
@@ -198,6 +198,8 @@ make = partial(Forecaster, Codec(skeleton, Quaternion()), backbone=GRUBackbone, 
 for call in (
     lambda: Codec(skeleton, Quaternion(), root="velocity"),
     lambda: GRUBackbone(3, initial_state="learnt"),
+    lambda: LSTMBackbone(3, initial_state="learnt"),
+    lambda: LSTMBackbone(3, wiring="delay"),
     lambda: make(residual="sum"),
     lambda: make(projection=3, projection_activation="tanh"),
 ):
@@ -210,6 +212,8 @@ for call in (
     assert done.stdout.splitlines() == [
         "codec.root: 'velocity' is not known; choose among: none, displacement",
         "initial_state: 'learnt' is not known; choose 'learned' or 'zero'",
+        "initial_state: 'learnt' is not known; choose 'learned' or 'zero'",
+        "wiring: 'delay' is not known; choose 'stacked' or 'delayed'",
         "residual: 'sum' is not known; choose among: none, add, compose",
         "projection_activation: 'tanh' is not known; choose 'none' or 'relu'",
     ]

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
-
 import pytest
 import torch
 from torch import nn
@@ -166,21 +163,3 @@ def test_a_wrong_number_of_layers_is_refused():
     for layers in (0, 101):
         with pytest.raises(ConfigError, match=f"layers: {layers}; expected 1 to 100"):
             LSTMBackbone(3, 4, layers)
-
-
-def test_misspelled_choices_are_refused_without_the_checks_of_the_suite():
-    # In the suite, types are checked before the constructor can say so itself.
-    code = """
-from posecast.errors import ConfigError
-from posecast.model import LSTMBackbone
-for choice in ({"initial_state": "learnt"}, {"wiring": "delay"}):
-    try:
-        LSTMBackbone(3, 4, **choice)
-    except ConfigError as error:
-        print(error)
-"""
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.splitlines() == [
-        "initial_state: 'learnt' is not known; choose 'learned' or 'zero'",
-        "wiring: 'delay' is not known; choose 'stacked' or 'delayed'",
-    ]

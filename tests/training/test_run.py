@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import torch
@@ -17,7 +18,7 @@ from safetensors.torch import load_file
 from posecast.errors import ConfigError, DataError, SkeletonError
 from posecast.model import Forecaster
 from posecast.skeleton import Skeleton
-from posecast.training import STATE, Objective, Plan, fit
+from posecast.training import STATE, Objective, Plan, fit, keeping
 from posecast.training.feeding import ScheduledSampling
 
 EPOCHS = 40
@@ -191,6 +192,19 @@ def test_a_run_killed_while_it_writes_its_last_checkpoint_writes_it_when_resumed
     )
     assert found.keys() == expected.keys()
     assert all(torch.equal(value, expected[name]) for name, value in found.items())
+
+
+def test_seconds_of_an_epoch_leave_validation_out(tiny, tmp_path, monkeypatch):
+    clock = [0.0]
+    monkeypatch.setattr(keeping, "time", SimpleNamespace(monotonic=lambda: clock[0]))
+
+    def validated():
+        clock[0] += 100
+
+    tiny.train(tmp_path, epochs=3, validate_every=1, on_validation=validated)
+    with (tmp_path / "log.csv").open(newline="") as file:
+        assert [float(row["seconds"]) for row in csv.DictReader(file)] == [0, 0, 0]
+    assert clock[0] == 300
 
 
 def test_the_first_epoch_is_kept_at_once(tiny, tmp_path):
