@@ -58,6 +58,13 @@ def test_every_table_has_the_baselines_as_rows(corpus, system):
         assert text.count(f"| average of 2 (of 15) | {name} |") == 3
     lines = list(csv.DictReader(report.to_csv().splitlines()))
     assert {line["system"] for line in lines} == {system, *BASELINES}
+    # Every row of the table has the numbers of its own action and system.
+    labels = {"average": "average of 2 (of 15)"}
+    for line in (*report.lines, *report.baseline_lines):
+        if line.metric == "euler" and line.horizon_ms == 400:
+            row = f"| {labels.get(line.action, line.action)} | {line.system} | "
+            cells = next(each for each in text.splitlines() if each.startswith(row)).split(" | ")
+            assert cells[5].split()[0] == f"{line.value:.3f}"
     assert len(lines) == 36 * len({system, *BASELINES})
 
 
