@@ -92,7 +92,12 @@ def make_codec(kind, root, standardize, motion):
 
 def make_forecaster(codec, network, generator):
     (backbone, backbone_options), (head, head_options), residual, inputs, _ = network
-    projected = {"input_dropout": 0.2, "projection": 9, "projection_activation": "relu"}
+    projected = {
+        "input_dropout": 0.2,
+        "input_noise": 0.1,
+        "projection": 9,
+        "projection_activation": "relu",
+    }
     forecaster = Forecaster(
         codec,
         backbone=partial(BACKBONES[backbone], **backbone_options),

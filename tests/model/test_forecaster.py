@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import subprocess
 import sys
 from functools import partial
@@ -132,8 +133,11 @@ def test_statistics_are_not_among_the_weights(make_forecaster):
     )
 
 
-def test_input_dropout_acts_in_training_only_and_follows_the_generator(make_forecaster, features):
-    forecaster = make_forecaster(input_dropout=0.5)
+@pytest.mark.parametrize("spoiled", [{"input_dropout": 0.5}, {"input_noise": 0.5}])
+def test_inputs_are_spoiled_in_training_only_and_as_the_generator_says(
+    spoiled, make_forecaster, features
+):
+    forecaster = make_forecaster(**spoiled)
 
     def drawn(seed):
         return read(
@@ -153,6 +157,27 @@ def test_input_dropout_keeps_the_mean_of_the_inputs(make_forecaster):
     assert set(dropped.unique().tolist()) == {0.0, 1 / 0.75}
     # 115 000 draws: the mean is within 0.01 of one, seven standard errors.
     assert dropped.mean().item() == pytest.approx(1, abs=0.01)
+
+
+def test_input_noise_has_its_standard_deviation_in_every_feature_of_every_frame(make_forecaster):
+    forecaster = make_forecaster(input_noise=0.25)
+    ones = torch.ones(100, 50, 23, dtype=torch.float64)
+    noise = forecaster._inputs(ones, None, torch.Generator().manual_seed(0)) - ones
+    # 5000 draws a feature: within 5 standard errors of the mean, of the deviation about as close.
+    torch.testing.assert_close(
+        noise.mean((0, 1)), torch.zeros_like(noise[0, 0]), atol=0.018, rtol=0
+    )
+    assert noise.std((0, 1)).sub(0.25).abs().max() < 0.013
+    neighbours = (noise[:, 1:] * noise[:, :-1]).mean() / 0.25**2
+    assert abs(neighbours) < 0.015
+
+
+def test_noise_is_in_units_of_the_standardized_inputs(make_forecaster):
+    wide = Codec(TWO, Quaternion(), statistics=Statistics(torch.zeros(8), 100 * torch.ones(8)))
+    forecaster = make_forecaster(codec=wide, input_noise=0.25)
+    zeros = torch.zeros(100, 50, 8, dtype=torch.float64)
+    noise = forecaster._inputs(zeros, None, torch.Generator().manual_seed(0))
+    assert noise.std().item() == pytest.approx(0.25, abs=0.005)
 
 
 def test_controls_must_be_given_where_they_are_taken_and_only_there(make_forecaster, features):
@@ -177,6 +202,8 @@ def test_controls_steer(make_forecaster, features):
     ("options", "message"),
     [
         ({"input_dropout": 1.0}, "input_dropout: 1.0 is no share"),
+        ({"input_noise": -0.1}, "input_noise: -0.1 is no standard deviation"),
+        ({"input_noise": math.inf}, "input_noise: inf is no standard deviation"),
         ({"projection_activation": "relu"}, "follows a projection, but there is none"),
     ],
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Literal, NamedTuple, get_args
 
@@ -50,6 +51,10 @@ class Forecaster(nn.Module):
             read; ``compose``: what to apply to it by the representation's own product (Pavllo et
             al. 2018, section 3.1). Root channels add in both of the latter.
         input_dropout: share of the inputs set to zero in training; the residual reads them all.
+        input_noise: standard deviation of the Gaussian noise added in training to what the backbone
+            reads, in units of the standardized inputs; the residual reads them as they are. From
+            poses that no recording has the network so learns to come back (Fragkiadaki et al.
+            2015, whose standard deviation grows in training; here it is one number).
         projection: size of a linear layer before the backbone; ``None``: no such layer.
         projection_activation: what follows that layer: nothing, or rectification.
         still_start: begin training near zero velocity: the output layers start at the residual's
@@ -67,6 +72,7 @@ class Forecaster(nn.Module):
         head: Callable[[int, Skeleton, int], Head],
         residual: Residual = "none",
         input_dropout: float = 0.0,
+        input_noise: float = 0.0,
         projection: int | None = None,
         projection_activation: Literal["none", "relu"] = "none",
         still_start: bool = False,
@@ -80,6 +86,10 @@ class Forecaster(nn.Module):
             )
         if not 0 <= input_dropout < 1:
             raise ConfigError(f"input_dropout: {input_dropout} is no share; expected 0 <= it < 1")
+        if not 0 <= input_noise < math.inf:
+            raise ConfigError(
+                f"input_noise: {input_noise} is no standard deviation; expected 0 or more"
+            )
         if projection_activation not in ("none", "relu"):
             raise ConfigError(
                 f"projection_activation: {projection_activation!r} is not known; "
@@ -93,6 +103,7 @@ class Forecaster(nn.Module):
         self.codec = codec
         self.residual: Residual = residual
         self.input_dropout = input_dropout
+        self.input_noise = input_noise
         self.rectify_projection = projection_activation == "relu"
         inputs = codec.feature_dim if projection is None else projection
         self.projection = None if projection is None else nn.Linear(codec.feature_dim, projection)
@@ -184,10 +195,10 @@ class Forecaster(nn.Module):
     ) -> Tensor:
         """What the backbone reads."""
         inputs = self.standardize(features)
+        if self.training and self.input_noise > 0:
+            inputs = inputs + self.input_noise * _draw(torch.randn, inputs, generator)
         if self.training and self.input_dropout > 0:
-            drawn = torch.rand(
-                inputs.shape, generator=generator, dtype=inputs.dtype, device=inputs.device
-            )
+            drawn = _draw(torch.rand, inputs, generator)
             inputs = inputs * (drawn >= self.input_dropout) / (1 - self.input_dropout)
         if self.projection is not None:
             inputs = self.projection(inputs)
@@ -221,3 +232,8 @@ class Forecaster(nn.Module):
             joints = codec.representation.compose(raw, base.joints)
         valid = codec.merge(codec.representation.project(joints), root)
         return valid, raw, codec.merge(joints, root)
+
+
+def _draw(how: Callable[..., Tensor], like: Tensor, generator: torch.Generator | None) -> Tensor:
+    """Random numbers in the shape and precision of ``like``, on its device."""
+    return how(like.shape, generator=generator, dtype=like.dtype, device=like.device)
