@@ -35,7 +35,15 @@ BACKBONE_OPTIONS = {
     ],
     "lstm": [{"hidden": 6, "layers": 2, "wiring": wiring} for wiring in ("stacked", "delayed")],
 }
-HEAD_OPTIONS = {"dense": [{}, {"hidden": 12}]}
+HEAD_OPTIONS = {
+    "dense": [{}, {"hidden": 12}],
+    "structured": [
+        {"hidden": 7},
+        {"hidden": 7, "ancestors": "parent", "tree": "reverse"},
+        {"hidden": 7, "tree": "random"},
+        {"hidden": 7, "ancestors": "none"},
+    ],
+}
 FEED_OPTIONS = {
     "teacher_forcing": {},
     "free_running": {},
@@ -50,8 +58,15 @@ STANDARDIZE = (False, True)
 # The law: every kind of part with every other, at the first of its options, with and without root
 # channels and statistics.
 KINDS = [
-    ((backbone, BACKBONE_OPTIONS[backbone][0]), ("dense", {}), residual, "plain", feed)
+    (
+        (backbone, BACKBONE_OPTIONS[backbone][0]),
+        (head, HEAD_OPTIONS[head][0]),
+        residual,
+        "plain",
+        feed,
+    )
     for backbone in BACKBONES
+    for head in HEADS
     for residual in RESIDUALS
     for feed in FEEDS
 ]
@@ -184,7 +199,7 @@ def test_every_combination_works_or_names_what_would_fit(kind, root, standardize
     codec = make_codec(kind, root, standardize, motion)
     outcomes = [try_combination(codec, network, motion, generator) for network in KINDS]
     print(f"{kind}, root {root}: {len(outcomes)} combinations")
-    assert len(outcomes) == len(BACKBONES) * len(RESIDUALS) * len(FEEDS) == 24
+    assert len(outcomes) == len(BACKBONES) * len(HEADS) * len(RESIDUALS) * len(FEEDS) == 48
     assert all(outcomes)
 
 
@@ -193,7 +208,7 @@ def test_every_option_of_a_network_works_with_every_other(root, standardize, gen
     motion = make_motion(generator)
     codec = make_codec("quaternion", root, standardize, motion)
     outcomes = [try_combination(codec, network, motion, generator) for network in OPTIONS]
-    assert len(outcomes) == 72
+    assert len(outcomes) == 216
     assert all(outcomes)
 
 
@@ -204,7 +219,7 @@ def test_all_combinations_are_tried():
     assert (len(REPRESENTATIONS), len(BACKBONES), len(RESIDUALS), len(FEEDS)) == (11, 2, 3, 4)
     count = len(CODECS) * len(KINDS) + 4 * len(OPTIONS)
     print(f"{len(CODECS) * len(KINDS)} combinations of kinds and {4 * len(OPTIONS)} of options")
-    assert count == 528 + 288
+    assert count == 1056 + 864
 
 
 @pytest.mark.parametrize("root", ROOTS)

@@ -11,9 +11,10 @@ from posecast.model.head import DenseHead, Head
 from posecast.model.lstm import LSTMBackbone
 from posecast.model.recurrent import Backbone, GRUBackbone, State, Summary
 from posecast.model.rollout import ForecasterPredictor, Rollout, Session, rollout
+from posecast.model.structured import StructuredHead
 
 BACKBONES: dict[str, Callable[..., Backbone]] = {"gru": GRUBackbone, "lstm": LSTMBackbone}
-HEADS: dict[str, Callable[..., Head]] = {"dense": DenseHead}
+HEADS: dict[str, Callable[..., Head]] = {"dense": DenseHead, "structured": StructuredHead}
 
 __all__ = [
     "BACKBONES",
@@ -33,6 +34,7 @@ __all__ = [
     "RunningAverage",
     "Session",
     "State",
+    "StructuredHead",
     "Summary",
     "ZeroVelocity",
     "rollout",
