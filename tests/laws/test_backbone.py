@@ -8,6 +8,11 @@ import torch
 from posecast.model import BACKBONES
 
 OPTIONS = {
+    "convolutional": [
+        {"channels": 6},
+        {"channels": 6, "widths": [3, 1, 2], "dilations": [1, 1, 3]},
+        {"channels": 6, "widths": [2, 4], "dilations": [2, 1]},
+    ],
     "gru": [
         {"hidden": 6, "layers": layers, "initial_state": initial}
         for layers in (1, 3)

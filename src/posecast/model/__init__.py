@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 from posecast.model.baselines import MeanPose, RunningAverage, ZeroVelocity
 from posecast.model.controls import ControlLayers
+from posecast.model.convolutional import ConvolutionalBackbone
 from posecast.model.forecaster import Forecaster, Prediction, Residual
 from posecast.model.head import DenseHead, Head
 from posecast.model.lstm import LSTMBackbone
@@ -13,7 +14,11 @@ from posecast.model.recurrent import Backbone, GRUBackbone, State, Summary
 from posecast.model.rollout import ForecasterPredictor, Rollout, Session, rollout
 from posecast.model.structured import StructuredHead
 
-BACKBONES: dict[str, Callable[..., Backbone]] = {"gru": GRUBackbone, "lstm": LSTMBackbone}
+BACKBONES: dict[str, Callable[..., Backbone]] = {
+    "convolutional": ConvolutionalBackbone,
+    "gru": GRUBackbone,
+    "lstm": LSTMBackbone,
+}
 HEADS: dict[str, Callable[..., Head]] = {"dense": DenseHead, "structured": StructuredHead}
 
 __all__ = [
@@ -21,6 +26,7 @@ __all__ = [
     "HEADS",
     "Backbone",
     "ControlLayers",
+    "ConvolutionalBackbone",
     "DenseHead",
     "Forecaster",
     "ForecasterPredictor",

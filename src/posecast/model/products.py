@@ -66,39 +66,55 @@ class Weight:
         return _pack(self.matrix.t().contiguous())
 
 
+def linear(
+    rows: Float[Tensor, "*batch inputs"],
+    weight: Float[Tensor, "outputs inputs"],
+    bias: Float[Tensor, " outputs"],
+) -> Float[Tensor, "*batch outputs"]:
+    """``torch.nn.functional.linear`` by the fastest kernel; its gradient can be had once."""
+    if not _is_quicker(weight):
+        return torch.nn.functional.linear(rows, weight, bias)
+    found: Tensor = _Product.apply(rows.flatten(0, -2), weight, bias)
+    return found.unflatten(0, rows.shape[:-1])
+
+
 def linear_columns(
     rows: Float[Tensor, "rows inputs"],
     weight: Float[Tensor, "outputs inputs"],
     bias: Float[Tensor, " outputs"],
 ) -> Float[Tensor, "outputs rows"]:
-    """What ``torch.nn.functional.linear`` gives, laid out the other way, by the fastest kernel.
-
-    Its gradient, by the same kernel, can be had once.
-    """
-    if not can_pack(weight) or has_amx() or torch.compiler.is_compiling():
+    """What ``linear`` gives, laid out the other way."""
+    if not _is_quicker(weight):
         return torch.addmm(bias[:, None], weight, rows.t())
-    return _LinearColumns.apply(rows, weight, bias)
+    found: Tensor = _Product.apply(weight, rows, bias[:, None])
+    return found
 
 
-class _LinearColumns(torch.autograd.Function):
-    """``linear_columns`` where products are exact in oneDNN."""
+def _is_quicker(weight: Tensor) -> bool:
+    """Whether oneDNN is exact and the faster kernel, and ``_Product`` may be used."""
+    return can_pack(weight) and not has_amx() and not torch.compiler.is_compiling()
+
+
+class _Product(torch.autograd.Function):
+    """``left @ right.T + bias`` where products are exact in oneDNN."""
 
     @staticmethod
-    def forward(ctx: Any, rows: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
-        ctx.save_for_backward(rows, weight)
-        with exact_products(weight):
-            return torch.addmm(bias[:, None], weight, rows.t())
+    def forward(ctx: Any, left: Tensor, right: Tensor, bias: Tensor) -> Tensor:
+        ctx.save_for_backward(left, right)
+        ctx.bias_shape = bias.shape
+        with exact_products(left):
+            return torch.addmm(bias, left, right.t())
 
     @staticmethod
     @once_differentiable
-    def backward(ctx: Any, columns: Tensor) -> tuple[Tensor | None, ...]:
-        rows, weight = ctx.saved_tensors
+    def backward(ctx: Any, upstream: Tensor) -> tuple[Tensor | None, ...]:
+        left, right = ctx.saved_tensors
         wanted = ctx.needs_input_grad
-        with exact_products(weight):
+        with exact_products(left):
             return (
-                columns.t() @ weight if wanted[0] else None,
-                columns @ rows if wanted[1] else None,
-                columns.sum(1) if wanted[2] else None,
+                upstream @ right if wanted[0] else None,
+                upstream.t() @ left if wanted[1] else None,
+                upstream.sum_to_size(ctx.bias_shape) if wanted[2] else None,
             )
 
 
