@@ -23,9 +23,10 @@ OPTIONS = {
     "lstm": [
         {"hidden": 7, "layers": layers, "wiring": wiring, "initial_state": initial}
         for layers in (1, 3)
-        for wiring in ("stacked", "delayed")
+        for wiring in ("stacked", "skip", "delayed")
         for initial in ("learned", "zero")
-    ],
+    ]
+    + [{"hidden": 7, "layers": 2, "biases": 1, "forget_bias": 1.0}],
 }
 """Small members of every kind; a kind that is missing here fails the tests below."""
 

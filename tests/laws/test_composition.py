@@ -34,7 +34,11 @@ BACKBONE_OPTIONS = {
     "gru": [
         {"hidden": 8, "layers": 1, "initial_state": initial} for initial in ("learned", "zero")
     ],
-    "lstm": [{"hidden": 6, "layers": 2, "wiring": wiring} for wiring in ("stacked", "delayed")],
+    "lstm": [
+        {"hidden": 6, "layers": 2, "wiring": "stacked"},
+        {"hidden": 6, "layers": 2, "wiring": "delayed"},
+        {"hidden": 6, "layers": 2, "wiring": "skip", "biases": 1},
+    ],
 }
 HEAD_OPTIONS = {
     "dense": [{}, {"hidden": 12}],
@@ -209,7 +213,7 @@ def test_every_option_of_a_network_works_with_every_other(root, standardize, gen
     motion = make_motion(generator)
     codec = make_codec("quaternion", root, standardize, motion)
     outcomes = [try_combination(codec, network, motion, generator) for network in OPTIONS]
-    assert len(outcomes) == 324
+    assert len(outcomes) == 378
     assert all(outcomes)
 
 
@@ -220,7 +224,7 @@ def test_all_combinations_are_tried():
     assert (len(REPRESENTATIONS), len(BACKBONES), len(RESIDUALS), len(FEEDS)) == (11, 3, 3, 4)
     count = len(CODECS) * len(KINDS) + 4 * len(OPTIONS)
     print(f"{len(CODECS) * len(KINDS)} combinations of kinds and {4 * len(OPTIONS)} of options")
-    assert count == 1584 + 1296
+    assert count == 1584 + 1512
 
 
 @pytest.mark.parametrize("root", ROOTS)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+
 import pytest
 import torch
 from torch import nn
@@ -12,27 +14,30 @@ from posecast.model import LSTMBackbone
 INPUTS, HIDDEN, LAYERS = 5, 4, 3
 
 
-def plain(backbone, frames, state, *, delayed):
+def plain(backbone, frames, state, *, wiring):
     """Frame by frame and layer by layer (Hochreiter and Schmidhuber 1997, with forget gates)."""
-    weights = [list(layer.parameters()) for layer in backbone.layers]
+    weights = [(*layer.parameters(), torch.zeros(4 * HIDDEN))[:4] for layer in backbone.layers]
     outputs = [state[2 * layer] for layer in range(LAYERS)]
     cells = [state[2 * layer + 1] for layer in range(LAYERS)]
     context = []
     for frame in frames.unbind(1):
         before = list(outputs)
         for layer, (from_input, from_output, bias, other_bias) in enumerate(weights):
-            below = frame if layer == 0 else (before if delayed else outputs)[layer - 1]
+            below = frame
+            if layer:
+                below = (before if wiring == "delayed" else outputs)[layer - 1]
+                below = torch.cat([frame, below], dim=-1) if wiring == "skip" else below
             gates = below @ from_input.T + before[layer] @ from_output.T + bias + other_bias
             entry, forget, new, out = gates.chunk(4, dim=-1)
             cells[layer] = forget.sigmoid() * cells[layer] + entry.sigmoid() * new.tanh()
             outputs[layer] = out.sigmoid() * cells[layer].tanh()
-        context.append(outputs[-1])
+        context.append(torch.cat(outputs, dim=-1) if wiring == "skip" else outputs[-1])
     last = [part for pair in zip(outputs, cells, strict=True) for part in pair]
     return [torch.stack(context, dim=1), *last]
 
 
-def make(wiring, initial_state="zero"):
-    backbone = LSTMBackbone(INPUTS, HIDDEN, LAYERS, wiring, initial_state)
+def make(wiring, initial_state="zero", **options):
+    backbone = LSTMBackbone(INPUTS, HIDDEN, LAYERS, wiring, initial_state, **options)
     backbone.reset_parameters(torch.Generator().manual_seed(3))
     return backbone.double()
 
@@ -40,15 +45,16 @@ def make(wiring, initial_state="zero"):
 # In single precision PyTorch hands the layers to oneDNN, another implementation.
 @pytest.mark.parametrize(("dtype", "atol"), [(torch.float64, 1e-12), (torch.float32, 2e-5)])
 @pytest.mark.parametrize("initial_state", ["zero", "learned"])
-@pytest.mark.parametrize("wiring", ["stacked", "delayed"])
+@pytest.mark.parametrize("biases", [1, 2])
+@pytest.mark.parametrize("wiring", ["stacked", "skip", "delayed"])
 @pytest.mark.parametrize("length", [1, 2, 9])
 def test_the_stack_computes_the_plain_equations_and_their_gradient(
-    wiring, initial_state, length, dtype, atol, generator
+    wiring, initial_state, length, biases, dtype, atol, generator
 ):
-    backbone = make(wiring, initial_state)
+    backbone = make(wiring, initial_state, biases=biases)
     frames = torch.randn(2, length, INPUTS, dtype=torch.float64, generator=generator)
     slow = frames.clone().requires_grad_()
-    expected = plain(backbone, slow, backbone.initial_state(2), delayed=wiring == "delayed")
+    expected = plain(backbone, slow, backbone.initial_state(2), wiring=wiring)
     weights = [torch.randn(each.shape, dtype=dtype, generator=generator) for each in expected]
     wanted = _gradients(expected, weights, [slow, *backbone.parameters()])
     backbone.to(dtype)
@@ -80,6 +86,35 @@ def test_an_input_reaches_the_output_after_the_delay_of_the_wiring(wiring, delay
     assert changed.tolist() == [frame >= 2 + delay for frame in range(8)]
 
 
+def test_a_cell_of_one_bias_has_no_other_anywhere():
+    backbone = make("stacked", biases=1)
+    assert not any("bias_hh" in name for name in backbone.state_dict())
+    twin = copy.deepcopy(backbone).float()
+    frames = torch.randn(2, 3, INPUTS)
+    found = twin(frames, twin.initial_state(2)).context
+    again = make("stacked", biases=1).float()
+    again.load_state_dict(twin.state_dict())
+    assert torch.equal(again(frames, again.initial_state(2)).context, found)
+
+
+def test_forget_gates_start_open_by_as_much_as_they_are_told():
+    plain_gates, open_gates = make("stacked"), make("stacked", forget_bias=1.0)
+    for one, other in zip(plain_gates.parameters(), open_gates.parameters(), strict=True):
+        change = (other - one).detach()
+        if change.ndim == 1 and change.any():
+            torch.testing.assert_close(
+                change, torch.tensor([0.0, 1.0, 0.0, 0.0]).double().repeat_interleave(HIDDEN)
+            )
+        else:
+            assert not change.any()
+    moved = [
+        a
+        for a, b in zip(plain_gates.parameters(), open_gates.parameters(), strict=True)
+        if not torch.equal(a, b)
+    ]
+    assert len(moved) == LAYERS
+
+
 def test_cells_have_two_biases_as_the_papers_count_them():
     per_layer = [4 * HIDDEN * (inputs + HIDDEN + 2) for inputs in (INPUTS, HIDDEN, HIDDEN)]
     assert sum(weight.numel() for weight in make("stacked").parameters()) == sum(per_layer)
@@ -104,7 +139,7 @@ def test_reading_goes_on_from_any_state(wiring, generator):
     state = tuple(torch.randn(shape, dtype=torch.float64, generator=generator).tanh())
     frames = torch.randn(2, 4, INPUTS, dtype=torch.float64, generator=generator)
     context, after = backbone(frames, state)
-    expected = plain(backbone, frames, state, delayed=wiring == "delayed")
+    expected = plain(backbone, frames, state, wiring=wiring)
     for one, other in zip((context, *after), expected, strict=True):
         torch.testing.assert_close(one, other, atol=1e-12, rtol=0)
 

@@ -1,4 +1,4 @@
-"""Stacks of LSTM cells, wired as usual or with the delay of the released acRNN code."""
+"""Stacks of LSTM cells: wired as usual, with connections past layers, or with a delay."""
 
 from __future__ import annotations
 
@@ -12,27 +12,32 @@ from torch import Tensor, nn
 from posecast.errors import ConfigError
 from posecast.model.recurrent import State, Summary, check_stack
 
-Wiring = Literal["stacked", "delayed"]
+Wiring = Literal["stacked", "skip", "delayed"]
 
 
 class LSTMBackbone(nn.Module):
-    """A stack of long short-term memory cells (Zhou et al. 2018; Andreou et al. 2022, section 5).
+    """A stack of long short-term memory cells.
 
-    Two biases a cell, as PyTorch has them, so that parameters are those of the papers.
+    With two biases a cell, as PyTorch has them, it is that of Zhou et al. 2018 and Andreou et al.
+    2022; with one, as TensorFlow has it, that of Martinez et al. 2017 and Aksan et al. 2019.
 
     Args:
         input_dim: numbers a frame.
         hidden: units a layer.
         layers: how many layers.
         wiring: ``stacked``: each layer reads what the one below puts out in the same frame;
-            ``delayed``: what it put out in the frame before, as the code of Zhou et al. does, so
-            that an input reaches the output after as many more frames as there are layers above
-            the first.
+            ``skip``: and the frame itself, and the summary is what all layers put out side by side
+            (Graves 2013; ERD and LSTM-3LR of Fragkiadaki et al. 2015); ``delayed``: what the one
+            below put out in the frame before, as the code of Zhou et al. does, so that an input
+            reaches the output after as many more frames as there are layers above the first.
         initial_state: ``zero``: zeros; ``learned``: trained vectors, the same for every sequence,
             drawn from a normal distribution with standard deviation 0.01.
+        biases: a cell; two add up to what one is, but their number is counted and their sum learns
+            twice as fast.
+        forget_bias: added to the bias of the forget gates when weights are drawn; 1 in TensorFlow.
 
     Raises:
-        ConfigError: an unknown choice, or a number of layers outside 1 to 100.
+        ConfigError: an unknown choice, or a number out of its range.
     """
 
     def __init__(
@@ -42,14 +47,25 @@ class LSTMBackbone(nn.Module):
         layers: int = 3,
         wiring: Wiring = "stacked",
         initial_state: Literal["learned", "zero"] = "zero",
+        biases: int = 2,
+        forget_bias: float = 0.0,
     ) -> None:
         super().__init__()
         check_stack(layers, initial_state)
         if wiring not in get_args(Wiring):
-            raise ConfigError(f"wiring: {wiring!r} is not known; choose 'stacked' or 'delayed'")
-        self.delayed = wiring == "delayed"
+            raise ConfigError(
+                f"wiring: {wiring!r} is not known; choose 'stacked', 'skip' or 'delayed'"
+            )
+        if biases not in (1, 2):
+            raise ConfigError(f"biases: {biases}; expected 1 or 2 a cell")
+        if not math.isfinite(forget_bias):
+            raise ConfigError(f"forget_bias: {forget_bias}; expected a finite number")
+        self.wiring: Wiring = wiring
+        self.forget_bias = forget_bias
+        make = nn.LSTM if biases == 2 else _OneBias
+        above = hidden + (input_dim if wiring == "skip" else 0)
         self.layers = nn.ModuleList(
-            nn.LSTM(input_dim if layer == 0 else hidden, hidden, batch_first=True)
+            make(input_dim if layer == 0 else above, hidden, batch_first=True)
             for layer in range(layers)
         )
         self.hidden = hidden
@@ -60,14 +76,18 @@ class LSTMBackbone(nn.Module):
 
     @property
     def context_dim(self) -> int:
-        """Size of the summary: the units of the last layer."""
-        return self.hidden
+        """Size of the summary: the units of the last layer, or of all with ``skip``."""
+        return self.hidden * (len(self.layers) if self.wiring == "skip" else 1)
 
     def reset_parameters(self, generator: torch.Generator | None = None) -> None:
         """Draw all weights anew: PyTorch's uniform; the first state from N(0, 0.01)."""
         bound = 1 / math.sqrt(self.hidden)
         for weight in self.layers.parameters():
             nn.init.uniform_(weight, -bound, bound, generator=generator)
+        with torch.no_grad():
+            for layer in self.layers:
+                forget = layer.get_parameter("bias_ih_l0").unflatten(0, (4, -1))[1]
+                forget += self.forget_bias
         if self.first is not None:
             nn.init.normal_(self.first, std=0.01, generator=generator)
 
@@ -81,15 +101,30 @@ class LSTMBackbone(nn.Module):
     def forward(self, frames: Float[Tensor, "batch frames inputs"], state: State) -> Summary:
         """Read frames, the oldest first."""
         after: list[Tensor] = []
-        context = frames
+        contexts: list[Tensor] = []
+        inputs = frames
         for number, layer in enumerate(self.layers):
-            output, cell = state[2 * number], state[2 * number + 1]
-            if self.delayed and number:
-                below = state[2 * number - 2]
-                context = torch.cat([below[:, None], context[:, :-1]], dim=1)
-            context, output, cell = _read(layer, context, output, cell)
+            context, output, cell = _read(layer, inputs, state[2 * number], state[2 * number + 1])
             after += [output, cell]
+            contexts.append(context)
+            inputs = context
+            if self.wiring == "delayed":
+                inputs = torch.cat([state[2 * number][:, None], context[:, :-1]], dim=1)
+            elif self.wiring == "skip":
+                inputs = torch.cat([frames, context], dim=-1)
+        context = torch.cat(contexts, dim=-1) if self.wiring == "skip" else contexts[-1]
         return Summary(context, tuple(after))
+
+
+class _OneBias(nn.LSTM):
+    """An LSTM of one layer whose second bias is zero and is no weight."""
+
+    def __init__(self, input_size: int, hidden_size: int, *, batch_first: bool) -> None:
+        super().__init__(input_size, hidden_size, batch_first=batch_first)
+        del self.bias_hh_l0
+        zeros = torch.zeros(4 * hidden_size)
+        self.register_buffer("bias_hh_l0", zeros, persistent=False)
+        self._flat_weights = [getattr(self, name) for name in self._flat_weights_names]
 
 
 def _read(
