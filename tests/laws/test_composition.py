@@ -31,6 +31,7 @@ PREFIX, TRAINED, HORIZON, CONTROLS = 4, 2, 10, 6
 
 BACKBONE_OPTIONS = {
     "convolutional": [{"channels": 6}, {"channels": 6, "widths": [2, 3], "dilations": [1, 2]}],
+    "early_reset_gru": [{"hidden": 6}],
     "gru": [
         {"hidden": 8, "layers": 1, "initial_state": initial} for initial in ("learned", "zero")
     ],
@@ -204,7 +205,7 @@ def test_every_combination_works_or_names_what_would_fit(kind, root, standardize
     codec = make_codec(kind, root, standardize, motion)
     outcomes = [try_combination(codec, network, motion, generator) for network in KINDS]
     print(f"{kind}, root {root}: {len(outcomes)} combinations")
-    assert len(outcomes) == len(BACKBONES) * len(HEADS) * len(RESIDUALS) * len(FEEDS) == 72
+    assert len(outcomes) == len(BACKBONES) * len(HEADS) * len(RESIDUALS) * len(FEEDS) == 96
     assert all(outcomes)
 
 
@@ -213,7 +214,7 @@ def test_every_option_of_a_network_works_with_every_other(root, standardize, gen
     motion = make_motion(generator)
     codec = make_codec("quaternion", root, standardize, motion)
     outcomes = [try_combination(codec, network, motion, generator) for network in OPTIONS]
-    assert len(outcomes) == 378
+    assert len(outcomes) == 432
     assert all(outcomes)
 
 
@@ -221,10 +222,10 @@ def test_all_combinations_are_tried():
     assert set(BACKBONE_OPTIONS) == set(BACKBONES)
     assert set(HEAD_OPTIONS) == set(HEADS)
     assert set(FEED_OPTIONS) == set(FEEDS)
-    assert (len(REPRESENTATIONS), len(BACKBONES), len(RESIDUALS), len(FEEDS)) == (11, 3, 3, 4)
+    assert (len(REPRESENTATIONS), len(BACKBONES), len(RESIDUALS), len(FEEDS)) == (11, 4, 3, 4)
     count = len(CODECS) * len(KINDS) + 4 * len(OPTIONS)
     print(f"{len(CODECS) * len(KINDS)} combinations of kinds and {4 * len(OPTIONS)} of options")
-    assert count == 1584 + 1512
+    assert count == 2112 + 1728
 
 
 @pytest.mark.parametrize("root", ROOTS)

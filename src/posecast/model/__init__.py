@@ -7,6 +7,7 @@ from collections.abc import Callable
 from posecast.model.baselines import MeanPose, RunningAverage, ZeroVelocity
 from posecast.model.controls import ControlLayers
 from posecast.model.convolutional import ConvolutionalBackbone
+from posecast.model.early_reset import EarlyResetGRUBackbone
 from posecast.model.forecaster import Forecaster, Prediction, Residual
 from posecast.model.head import DenseHead, Head
 from posecast.model.lstm import LSTMBackbone
@@ -16,6 +17,7 @@ from posecast.model.structured import StructuredHead
 
 BACKBONES: dict[str, Callable[..., Backbone]] = {
     "convolutional": ConvolutionalBackbone,
+    "early_reset_gru": EarlyResetGRUBackbone,
     "gru": GRUBackbone,
     "lstm": LSTMBackbone,
 }
@@ -28,6 +30,7 @@ __all__ = [
     "ControlLayers",
     "ConvolutionalBackbone",
     "DenseHead",
+    "EarlyResetGRUBackbone",
     "Forecaster",
     "ForecasterPredictor",
     "GRUBackbone",
