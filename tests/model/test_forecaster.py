@@ -180,6 +180,22 @@ def test_noise_is_in_units_of_the_standardized_inputs(make_forecaster):
     assert noise.std().item() == pytest.approx(0.25, abs=0.005)
 
 
+@pytest.mark.parametrize("activation", ["none", "relu"])
+@pytest.mark.parametrize("sizes", [9, [9], [9, 6]])
+def test_layers_before_the_backbone_are_rectified_between(
+    sizes, activation, make_forecaster, features
+):
+    forecaster = make_forecaster(projection=sizes, projection_activation=activation)
+    inputs = forecaster._inputs(features, None, None)
+    wanted = features
+    for number, layer in enumerate(forecaster.projection):
+        wanted = wanted @ layer.weight.T + layer.bias
+        if number + 1 < len(forecaster.projection) or activation == "relu":
+            wanted = wanted.clamp(min=0)
+    torch.testing.assert_close(inputs, wanted)
+    assert forecaster.backbone.gru.input_size == (6 if sizes == [9, 6] else 9)
+
+
 def test_controls_must_be_given_where_they_are_taken_and_only_there(make_forecaster, features):
     steered = make_forecaster(controls=ControlLayers(6))
     with pytest.raises(ConfigError, match="takes 6 controls a frame"):
@@ -240,7 +256,7 @@ for call in (
         "codec.root: 'velocity' is not known; choose among: none, displacement",
         "initial_state: 'learnt' is not known; choose 'learned' or 'zero'",
         "initial_state: 'learnt' is not known; choose 'learned' or 'zero'",
-        "wiring: 'delay' is not known; choose 'stacked' or 'delayed'",
+        "wiring: 'delay' is not known; choose 'stacked', 'skip' or 'delayed'",
         "residual: 'sum' is not known; choose among: none, add, compose",
         "projection_activation: 'tanh' is not known; choose 'none' or 'relu'",
     ]

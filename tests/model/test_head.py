@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pytest
 import torch
 
 from posecast.model import DenseHead
@@ -18,10 +19,14 @@ def test_a_dense_head_is_one_linear_layer(generator):
     assert sum(weight.numel() for weight in head.parameters()) == 7 * 12 + 12
 
 
-def test_a_hidden_layer_is_rectified(generator):
-    head = DenseHead(7, SKELETON, 3, hidden=11)
+@pytest.mark.parametrize("units", [11, [11], [11, 6]])
+def test_hidden_layers_are_rectified(units, generator):
+    head = DenseHead(7, SKELETON, 3, hidden=units)
     context = torch.randn(2, 7, generator=generator)
-    hidden = (context @ head.hidden.weight.T + head.hidden.bias).clamp(min=0)
+    hidden = context
+    for layer in head.hidden:
+        hidden = (hidden @ layer.weight.T + layer.bias).clamp(min=0)
+    assert [layer.out_features for layer in head.hidden] == ([units] if units == 11 else units)
     wanted = hidden @ head.output.weight.T + head.output.bias
     torch.testing.assert_close(head(context), wanted.view(2, 3, 3))
 
@@ -29,8 +34,8 @@ def test_a_hidden_layer_is_rectified(generator):
 def test_weights_follow_the_generator_and_have_the_spread_of_pytorch():
     head = DenseHead(400, SKELETON, 4, hidden=300)
     head.reset_parameters(torch.Generator().manual_seed(1))
-    first = head.hidden.weight.detach().clone()
+    first = head.hidden[0].weight.detach().clone()
     # Uniform within 1 / sqrt(400).
     assert 0.0499 < first.abs().max() <= 0.05
     head.reset_parameters(torch.Generator().manual_seed(1))
-    assert torch.equal(head.hidden.weight, first)
+    assert torch.equal(head.hidden[0].weight, first)

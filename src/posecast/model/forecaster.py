@@ -12,7 +12,7 @@ from torch import Tensor, nn
 
 from posecast.errors import ConfigError
 from posecast.model.controls import ControlLayers
-from posecast.model.head import Head, reset_linear, start_linear_at
+from posecast.model.head import Head, layer_sizes, linear_layers, reset_linear, start_linear_at
 from posecast.model.recurrent import Backbone, State
 from posecast.representation import Codec
 from posecast.skeleton import Skeleton
@@ -55,8 +55,9 @@ class Forecaster(nn.Module):
             reads, in units of the standardized inputs; the residual reads them as they are. From
             poses that no recording has the network so learns to come back (Fragkiadaki et al.
             2015, whose standard deviation grows in training; here it is one number).
-        projection: size of a linear layer before the backbone; ``None``: no such layer.
-        projection_activation: what follows that layer: nothing, or rectification.
+        projection: sizes of linear layers before the backbone, or of the only one, rectified
+            units but for the last; ``None``: no such layer.
+        projection_activation: what follows the last of them: nothing, or rectification.
         still_start: begin training near zero velocity: the output layers start at the residual's
             identity with small weights, so the first predictions repeat the last frame. No paper
             here does so; a network of any size saves the epochs in which it learns to stand still.
@@ -73,7 +74,7 @@ class Forecaster(nn.Module):
         residual: Residual = "none",
         input_dropout: float = 0.0,
         input_noise: float = 0.0,
-        projection: int | None = None,
+        projection: int | list[int] | None = None,
         projection_activation: Literal["none", "relu"] = "none",
         still_start: bool = False,
         controls: ControlLayers | None = None,
@@ -95,7 +96,7 @@ class Forecaster(nn.Module):
                 f"projection_activation: {projection_activation!r} is not known; "
                 "choose 'none' or 'relu'"
             )
-        if projection is None and projection_activation != "none":
+        if not projection and projection_activation != "none":
             raise ConfigError(
                 f"projection_activation: {projection_activation!r} follows a projection, but there "
                 "is none; set projection to its size, or leave the activation out"
@@ -105,10 +106,10 @@ class Forecaster(nn.Module):
         self.input_dropout = input_dropout
         self.input_noise = input_noise
         self.rectify_projection = projection_activation == "relu"
-        inputs = codec.feature_dim if projection is None else projection
-        self.projection = None if projection is None else nn.Linear(codec.feature_dim, projection)
+        sizes = layer_sizes(codec.feature_dim, projection, "projection")
+        self.projection = linear_layers(sizes)
         self.controls = controls
-        self.backbone = backbone(inputs + (0 if controls is None else controls.output_dim))
+        self.backbone = backbone(sizes[-1] + (0 if controls is None else controls.output_dim))
         context_dim = self.backbone.context_dim
         self.head = head(context_dim, codec.skeleton, codec.representation.joint_dim)
         self.root = nn.Linear(context_dim, codec.root_dim) if codec.root_dim else None
@@ -130,7 +131,7 @@ class Forecaster(nn.Module):
 
     def reset_parameters(self, generator: torch.Generator | None = None) -> None:
         """Draw all weights anew, from ``generator`` (``None``: PyTorch's own)."""
-        for linear in (self.projection, self.root):
+        for linear in (*self.projection, self.root):
             if linear is not None:
                 reset_linear(linear, generator)
         if self.controls is not None:
@@ -200,9 +201,10 @@ class Forecaster(nn.Module):
         if self.training and self.input_dropout > 0:
             drawn = _draw(torch.rand, inputs, generator)
             inputs = inputs * (drawn >= self.input_dropout) / (1 - self.input_dropout)
-        if self.projection is not None:
-            inputs = self.projection(inputs)
-            inputs = inputs.relu() if self.rectify_projection else inputs
+        for number, layer in enumerate(self.projection, start=1):
+            inputs = layer(inputs)
+            if self.rectify_projection or number < len(self.projection):
+                inputs = inputs.relu()
         if self.controls is None:
             if controls is not None:
                 raise ConfigError("controls were given, but this forecaster takes none")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from typing import Protocol
 
 import torch
@@ -35,35 +36,37 @@ class Head(Protocol):
 
 
 class DenseHead(nn.Module):
-    """All joints at once by a linear layer, with one hidden layer of rectified units if asked for.
+    """All joints at once by a linear layer, with hidden layers of rectified units if asked for.
 
     Args:
         context_dim: size of the context.
         skeleton: whose joints are predicted.
         joint_dim: numbers a joint.
-        hidden: units of the hidden layer (Aksan et al. 2019 use 960); ``None``: no hidden layer
-            (Pavllo et al. 2018).
+        hidden: units of each hidden layer, or of the only one (Aksan et al. 2019 use 960);
+            ``None``: no hidden layer (Pavllo et al. 2018).
 
     Raises:
         ConfigError: a hidden layer without units.
     """
 
     def __init__(
-        self, context_dim: int, skeleton: Skeleton, joint_dim: int, *, hidden: int | None = None
+        self,
+        context_dim: int,
+        skeleton: Skeleton,
+        joint_dim: int,
+        *,
+        hidden: int | list[int] | None = None,
     ) -> None:
         super().__init__()
-        if hidden is not None and hidden < 1:
-            raise ConfigError(f"head.hidden is {hidden}; expected 1 or more, or null for no layer")
         self.joint_dim = joint_dim
-        outputs = len(skeleton) * joint_dim
-        self.hidden = None if hidden is None else nn.Linear(context_dim, hidden)
-        self.output = nn.Linear(context_dim if hidden is None else hidden, outputs)
+        sizes = layer_sizes(context_dim, hidden, "head.hidden")
+        self.hidden = linear_layers(sizes)
+        self.output = nn.Linear(sizes[-1], len(skeleton) * joint_dim)
 
     def reset_parameters(self, generator: torch.Generator | None = None) -> None:
         """Draw all weights anew, as PyTorch does."""
-        for layer in (self.hidden, self.output):
-            if layer is not None:
-                reset_linear(layer, generator)
+        for layer in (*self.hidden, self.output):
+            reset_linear(layer, generator)
 
     def start_at(self, joints: Float[Tensor, "joints joint_dim"]) -> None:
         """Change the weights so that the head puts out nearly ``joints``, whatever the context."""
@@ -73,9 +76,26 @@ class DenseHead(nn.Module):
         self, context: Float[Tensor, "*batch context"]
     ) -> Float[Tensor, "*batch joints joint_dim"]:
         """Numbers for every joint."""
-        if self.hidden is not None:
-            context = torch.relu(self.hidden(context))
+        for layer in self.hidden:
+            context = torch.relu(layer(context))
         return self.output(context).unflatten(-1, (-1, self.joint_dim))
+
+
+def layer_sizes(inputs: int, units: int | list[int] | None, name: str) -> list[int]:
+    """Sizes from the inputs on upwards; ``units`` are those of layers, of the only one, or none.
+
+    Raises:
+        ConfigError: a layer without units; ``name`` says where.
+    """
+    sizes = [] if units is None else [units] if isinstance(units, int) else list(units)
+    if any(size < 1 for size in sizes):
+        raise ConfigError(f"{name} is {units}; expected 1 or more, or null for no layer")
+    return [inputs, *sizes]
+
+
+def linear_layers(sizes: list[int]) -> nn.ModuleList:
+    """Linear layers on top of each other."""
+    return nn.ModuleList(nn.Linear(below, above) for below, above in pairwise(sizes))
 
 
 def reset_linear(layer: nn.Module, generator: torch.Generator | None = None) -> None:
