@@ -104,6 +104,8 @@ PAIRS = [(name, kind) for name in LOSSES for kind in fitting(name)]
 def test_every_loss_is_used_with_every_representation_that_has_what_it_needs():
     assert {name: len(fitting(name)) for name in LOSSES} == {
         "features": 11,
+        "per_joint": 11,
+        "geodesic": 10,
         "euler": 10,
         "quaternion": 10,
         "quaternion_root": 10,
@@ -144,7 +146,8 @@ def test_a_loss_is_positive_and_keeps_its_gradient_when_something_is_wrong(
 
 
 @pytest.mark.parametrize(
-    ("name", "kind"), [pair for pair in PAIRS if pair[0] not in ("features", "penalty", "root")]
+    ("name", "kind"),
+    [pair for pair in PAIRS if pair[0] not in ("features", "per_joint", "penalty", "root")],
 )
 def test_gradients_are_finite_where_a_network_puts_out_nothing(name, kind, tiny, generator):
     wrong = compared(kind, tiny, generator)
@@ -286,6 +289,27 @@ def test_the_position_loss_does_not_change_when_both_are_turned(tiny, generator)
 def test_the_penalty_looks_at_squared_lengths_of_raw_outputs(comparison):
     raw = 2 * comparison.codec.split(comparison.target).joints
     assert LOSSES["penalty"](replace(comparison, raw=raw)).item() == pytest.approx(9)
+
+
+def test_the_error_per_joint_is_a_sum_of_lengths_of_standardized_features(comparison):
+    codec = comparison.codec
+    scale = torch.full((codec.feature_dim,), 2.0, dtype=torch.float64)
+    wrong = codec.split(comparison.target).joints.clone()
+    wrong[..., 0, :] += 1.0  # 2 long, 1 of them after division by the scale
+    wrong[..., 1, 0] += 3.0
+    root = codec.split(comparison.target).root + 7.0
+    emitted = codec.merge(wrong, root)
+    found = LOSSES["per_joint"](replace(comparison, emitted=emitted, scale=scale))
+    assert found.item() == pytest.approx(1 + 1.5)
+
+
+def test_the_geodesic_loss_is_the_mean_angle_whatever_the_signs(comparison):
+    codec = comparison.codec
+    true = codec.split(comparison.target).joints
+    turn = quaternion.exp(torch.tensor([0.2, 0.0, 0.0], dtype=torch.float64))
+    turned = torch.cat([-quaternion.product(turn, true[..., :1, :]), true[..., 1:, :]], dim=-2)
+    wrong = replace(comparison, predicted=codec.merge(turned, codec.split(comparison.target).root))
+    assert LOSSES["geodesic"](wrong).item() == pytest.approx(0.2 / true.shape[-2])
 
 
 def test_the_root_loss_is_in_meters():

@@ -14,6 +14,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from posecast.geometry import quaternion
 from posecast.geometry.euler import quaternion_to_euler
 from posecast.representation.base import Content
 from posecast.skeleton import Skeleton
@@ -118,6 +119,27 @@ def _features(comparison: Comparison) -> Float[Tensor, ""]:
     return difference.square().mean()
 
 
+def _per_joint(comparison: Comparison) -> Float[Tensor, ""]:
+    """Lengths of the joints' differences, summed over joints; of standardized features as above.
+
+    The length of all numbers of a joint, not its square. Root channels do not count.
+
+    Source: Aksan et al. 2019, eq. 4, as their code has it (the text says mean squared error).
+    """
+    found, true = comparison.emitted, comparison.target
+    if comparison.scale is not None:
+        found, true = found / comparison.scale, true / comparison.scale
+    split = comparison.codec.split
+    differences = split(found).joints - split(true).joints
+    # The norm of an exact zero passes on a zero gradient.
+    return torch.linalg.vector_norm(differences, dim=-1).sum(-1).mean()
+
+
+def _geodesic(comparison: Comparison) -> Float[Tensor, ""]:
+    """Mean angle between local rotations, radians (Gui et al. 2018, section 3.2)."""
+    return quaternion.angle(comparison.predicted_rotations, comparison.target_rotations).mean()
+
+
 def _quaternion(comparison: Comparison) -> Float[Tensor, ""]:
     """Local rotations (Andreou et al. 2022, eq. 14; Pavllo et al. 2019)."""
     predicted, target = comparison.predicted_rotations, comparison.target_rotations
@@ -209,6 +231,8 @@ _TRANSLATIONS: frozenset[Content] = frozenset({"translations"})
 
 LOSSES: dict[str, Term] = {
     "features": Term(_features),
+    "per_joint": Term(_per_joint),
+    "geodesic": Term(_geodesic, _ROTATIONS),
     "euler": Term(_euler, _ROTATIONS),
     "quaternion": Term(_quaternion, _ROTATIONS),
     "quaternion_root": Term(_quaternion_root, _ROTATIONS),
