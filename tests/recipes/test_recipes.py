@@ -17,6 +17,7 @@ from posecast.motion import Clip
 from posecast.motion.corpus import Corpus
 from posecast.recipe import RECIPES, Recipe, count_parameters, list_recipes, load_recipe
 from posecast.skeleton import Skeleton
+from posecast.skeleton.catalog import named_skeleton
 from posecast.system import load, train
 
 
@@ -262,6 +263,8 @@ def test_every_key_of_a_recipe_is_checked_for_spelling(name: str) -> None:
         ("model.backbone.hidden=0", "model: hidden_size must be greater than zero"),
         ("model.head.hidden=0", "model: head.hidden is 0; expected 1 or more"),
         ("model.projection_activation=relu", "model: projection_activation: 'relu' follows"),
+        ("codec.joints=h36m-22", "codec.joints: no skeleton is called 'h36m-22'"),
+        ("codec.joints=[Hips,Tail]", "codec.joints: no joint is called 'Tail'"),
         ("codec.root=displacement", "training.objective: the codec writes 3 root channels"),
     ],
 )
@@ -270,6 +273,14 @@ def test_a_mistake_stops_before_any_data_is_read(override: str, message: str) ->
         load_recipe("quaternet-vel", [override])
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_a_recipe_may_write_some_joints_only() -> None:
+    skeleton = named_skeleton("h36m-32").skeleton
+    assert len(load_recipe("quaternet-vel").build_codec(skeleton).written) == 32
+    codec = load_recipe("quaternet-vel", ["codec.joints=h36m-21"]).build_codec(skeleton)
+    assert codec.written == named_skeleton("h36m-21").skeleton
+    assert codec.joints == named_skeleton("h36m-21").joints
 
 
 def test_an_unknown_recipe_names_the_nearest() -> None:

@@ -8,7 +8,13 @@ import torch
 from posecast.errors import ConfigError, SkeletonError
 from posecast.geometry import quaternion
 from posecast.motion import Motion
-from posecast.representation import Codec, Quaternion, Statistics
+from posecast.representation import (
+    REPRESENTATIONS,
+    Codec,
+    Quaternion,
+    Statistics,
+    build_representation,
+)
 from posecast.skeleton import Skeleton
 
 SKELETON = Skeleton(("hips", "spine", "head"), (-1, 0, 1))
@@ -143,3 +149,64 @@ def test_a_motion_of_another_skeleton_is_refused(motion):
     fewer = Motion(motion.rotations_local[:, :, :2], motion.root_positions, motion.offsets[:, :2])
     with pytest.raises(SkeletonError, match="motion of 2 joints; expected the 3 joints"):
         Codec(SKELETON, Quaternion()).encode(fewer)
+
+
+# The root is not written: the two joints above and below the middle one are roots of a forest.
+LIMBS = Skeleton(("hips", "left", "right", "foot", "toe"), (-1, 0, 0, 1, 3))
+
+
+def of_limbs(kind, generator, joints=(1, 2, 3), root="none"):
+    speed, start = torch.randn(2, 2, 1, 5, 3, generator=generator, dtype=torch.float64)
+    time = torch.arange(6, dtype=torch.float64)[:, None, None] / 10
+    motion = Motion(
+        quaternion.exp(start + speed * time),
+        torch.randn(2, 6, 3, generator=generator, dtype=torch.float64),
+        torch.randn(2, 5, 3, generator=generator, dtype=torch.float64),
+    )
+    written = LIMBS.select(joints)
+    return Codec(LIMBS, build_representation(kind, written), root=root, joints=joints), motion
+
+
+@pytest.mark.parametrize("kind", sorted(set(REPRESENTATIONS) - {"positions"}))
+def test_joints_that_are_not_written_stay_as_they_were(kind, generator):
+    codec, motion = of_limbs(kind, generator, root="displacement")
+    assert codec.written == Skeleton(("left", "right", "foot"), (-1, -1, 0))
+    features = codec.encode(motion)
+    assert features.shape[-1] == 3 * codec.representation.joint_dim + 3 == codec.feature_dim
+    found = codec.decode(
+        features[:, 1:],
+        offsets=motion.offsets,
+        anchor=motion.root_positions[:, 0],
+        held=motion.rotations_local[:, 0],
+    )
+    wanted = motion.rotations_local[:, 1:].clone()
+    wanted[:, :, [0, 4]] = motion.rotations_local[:, :1, [0, 4]]
+    assert same_rotations(found.rotations_local, wanted)
+    torch.testing.assert_close(found.root_positions, motion.root_positions[:, 1:])
+    if found.translations_local is not None:
+        unchanged = motion.offsets[:, None].expand(-1, 5, -1, -1)
+        torch.testing.assert_close(found.translations_local, unchanged)
+
+
+def test_joints_that_nobody_holds_are_not_turned(generator):
+    codec, motion = of_limbs("quaternion", generator)
+    found = codec.decode(codec.encode(motion), offsets=motion.offsets, anchor=torch.zeros(2, 3))
+    rest = found.rotations_local[:, :, [0, 4]]
+    assert torch.equal(rest, quaternion.identity(2, 6, 2, like=rest))
+
+
+def test_statistics_are_of_the_joints_that_are_written(generator):
+    codec, motion = of_limbs("quaternion", generator)
+    assert codec.measure([motion]).mean.shape == (12,)
+    with pytest.raises(ConfigError, match="mean has"):
+        Codec(
+            LIMBS,
+            Quaternion(),
+            joints=(1, 2, 3),
+            statistics=Statistics(torch.zeros(20), torch.ones(20)),
+        )
+
+
+def test_joints_out_of_order_are_refused():
+    with pytest.raises(ConfigError, match=r"codec.joints: \[2, 1\]; expected indices in order"):
+        Codec(LIMBS, Quaternion(), joints=(2, 1))

@@ -108,13 +108,15 @@ def _roll_out(system: System, known: Motion, frames: int) -> Iterator[Motion]:
     """The frames that follow, in pieces; only one piece is in memory."""
     forecaster = system.forecaster.eval()
     codec, weight = forecaster.codec, next(forecaster.parameters())
-    anchor = known.root_positions[:, -1]
+    anchor, held = known.root_positions[:, -1], known.rotations_local[:, -1]
     with torch.no_grad():
         session = Session.start(forecaster, codec.encode(known).to(weight))
         for first in range(0, frames, PIECE):
             count = min(PIECE, frames - first)
             features = torch.stack([session.step() for _ in range(count)], dim=1)
-            piece = codec.decode(features.to(anchor), offsets=known.offsets, anchor=anchor)
+            piece = codec.decode(
+                features.to(anchor), offsets=known.offsets, anchor=anchor, held=held
+            )
             anchor = piece.root_positions[:, -1]
             yield piece
 

@@ -111,7 +111,7 @@ class Forecaster(nn.Module):
         self.controls = controls
         self.backbone = backbone(sizes[-1] + (0 if controls is None else controls.output_dim))
         context_dim = self.backbone.context_dim
-        self.head = head(context_dim, codec.skeleton, codec.representation.joint_dim)
+        self.head = head(context_dim, codec.written, codec.representation.joint_dim)
         self.root = nn.Linear(context_dim, codec.root_dim) if codec.root_dim else None
         statistics = codec.statistics
         for name in ("mean", "scale"):
@@ -144,7 +144,7 @@ class Forecaster(nn.Module):
         """Let the output layers start at the residual's identity, if that was asked for."""
         if not self.still_start:
             return
-        representation, joints = self.codec.representation, len(self.codec.skeleton)
+        representation, joints = self.codec.representation, len(self.codec.written)
         nothing = torch.zeros(joints, representation.joint_dim)
         self.head.start_at(
             representation.identity(nothing) if self.residual == "compose" else nothing

@@ -221,7 +221,10 @@ class ForecasterPredictor:
         features = self._run(prefix, lambda known: rollout(self.forecaster, known, horizon))
         anchor = prefix.root_positions[:, -1]
         return self.forecaster.codec.decode(
-            features.to(anchor), offsets=prefix.offsets, anchor=anchor
+            features.to(anchor),
+            offsets=prefix.offsets,
+            anchor=anchor,
+            held=prefix.rotations_local[:, -1],
         )
 
     def replay(self, prefix: Motion) -> Motion:
@@ -245,6 +248,7 @@ class ForecasterPredictor:
             features.to(prefix.root_positions).flatten(0, 1)[:, None],
             offsets=prefix.offsets.repeat_interleave(count, 0),
             anchor=prefix.root_positions[:, :-1].flatten(0, 1),
+            held=prefix.rotations_local[:, :-1].flatten(0, 1),
         )
         moved = single.translations_local
         return Motion(

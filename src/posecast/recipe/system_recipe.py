@@ -18,11 +18,17 @@ from posecast.config import (
 )
 from posecast.corpora import COMMON, CORPORA, build_corpus
 from posecast.corpora.gait.body import SKELETON
-from posecast.errors import ConfigError
+from posecast.errors import ConfigError, SkeletonError
 from posecast.evaluation.protocol import PROTOCOLS, Protocol
 from posecast.model import BACKBONES, HEADS, ControlLayers, Forecaster
 from posecast.motion.corpus import Corpus
-from posecast.representation import REPRESENTATIONS, Codec, Statistics, build_representation
+from posecast.representation import (
+    REPRESENTATIONS,
+    Codec,
+    Representation,
+    Statistics,
+    build_representation,
+)
 from posecast.skeleton import Skeleton
 from posecast.skeleton.catalog import named_skeleton
 from posecast.training.feeding import FEEDS, Feed
@@ -40,6 +46,7 @@ CORPUS_SKELETONS: Mapping[str, Callable[[], Skeleton]] = {
     "h36m": lambda: named_skeleton("h36m-32").skeleton,
     "synthetic": lambda: SKELETON,
     "cmu-asf": lambda: named_skeleton("cmu-31").skeleton,
+    "amass": lambda: named_skeleton("smpl-22").skeleton,
 }
 """Skeletons of corpora that are known before any file is read."""
 
@@ -80,7 +87,7 @@ class Recipe:
             _codec,
             config["codec"],
             where=self._at("codec"),
-            provided=("skeleton", "representation", "statistics"),
+            provided=("skeleton", "represent", "statistics"),
         )
         model = self._without("model", MODEL_PARTS)
         check_call(Forecaster, model, where=self._at("model"), provided=("codec", *MODEL_PARTS))
@@ -190,8 +197,12 @@ class Recipe:
             statistics: what the network standardizes by: see ``measure``.
         """
         options = dict(self.config["representation"])
-        representation = build_representation(options.pop("kind"), skeleton, **options)
-        return _codec(skeleton, representation, statistics, **self.config["codec"])
+        kind = options.pop("kind")
+
+        def represent(written: Skeleton) -> Representation:
+            return build_representation(kind, written, **options)
+
+        return _codec(skeleton, represent, statistics, **self.config["codec"])
 
     def measure(self, corpus: Corpus) -> Statistics | None:
         """Statistics of the training split; ``None`` if the recipe does not standardize.
@@ -236,8 +247,18 @@ class Recipe:
             raise ConfigError(f"{self._at('model')}: {reason}; check its sizes") from None
 
     def _check_network(self) -> None:
-        """Let the parts of the network be checked together, on a skeleton that is always there."""
-        codec = self._named("codec", lambda: self.build_codec(named_skeleton("h36m-32").skeleton))
+        """Let the parts of the network be checked together, before any data is read.
+
+        On the skeleton of the corpus if it is known beforehand, and on another if nothing in the
+        recipe names joints.
+        """
+        corpus = str(self.config["corpus"]["kind"])
+        head = self.config["model"]["head"]
+        names_joints = self.config["codec"].get("joints") or isinstance(head.get("tree"), Mapping)
+        if corpus not in CORPUS_SKELETONS and names_joints:
+            return
+        skeleton = CORPUS_SKELETONS.get(corpus, lambda: named_skeleton("h36m-32").skeleton)()
+        codec = self._named("codec", lambda: self.build_codec(skeleton))
         self.outline(codec)
         self._named("training.objective", lambda: self.objective.check(codec))
 
@@ -290,13 +311,22 @@ def _flat(section: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
 
 def _codec(
     skeleton: Skeleton,
-    representation: Any,
+    represent: Callable[[Skeleton], Representation],
     statistics: Statistics | None,
     *,
     root: Literal["none", "displacement"] = "none",
     standardize: Standardize = "none",
+    joints: str | list[str] | None = None,
 ) -> Codec:
     """A codec from a recipe's section ``codec``; its keywords are that section's keys."""
     if standardize not in get_args(Standardize):
         raise ConfigError(f"codec.standardize: {standardize!r} is not known")
-    return Codec(skeleton, representation, root=root, statistics=statistics)
+    if joints is None:
+        return Codec(skeleton, represent(skeleton), root=root, statistics=statistics)
+    try:
+        names = named_skeleton(joints).skeleton.names if isinstance(joints, str) else joints
+        chosen = tuple(sorted({skeleton.index(name) for name in names}))
+        written = skeleton.select(chosen)
+    except SkeletonError as error:
+        raise ConfigError(f"codec.joints: {error}") from None
+    return Codec(skeleton, represent(written), root=root, statistics=statistics, joints=chosen)

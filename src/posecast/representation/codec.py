@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal, NamedTuple
 
 import torch
@@ -61,14 +62,19 @@ class Codec:
             ``displacement`` writes three, in metres and in the order x, y, z: the height y, and
             x and z as differences to the frame before (Zhou et al. 2018).
         statistics: what forecasters of these features standardize by; ``None``: by nothing.
+        joints: indices of the joints that are written, ascending; ``representation`` is of
+            ``skeleton.select(joints)``. The others are held still. ``None``: all of them.
     """
 
     skeleton: Skeleton
     representation: Representation
     root: Literal["none", "displacement"] = "none"
     statistics: Statistics | None = None
+    joints: tuple[int, ...] | None = None
 
     def __post_init__(self) -> None:
+        if self.joints is not None and list(self.joints) != sorted(set(self.joints)):
+            raise ConfigError(f"codec.joints: {list(self.joints)}; expected indices in order")
         if self.root not in ROOT_CHANNELS:
             raise ConfigError(
                 f"codec.root: {self.root!r} is not known; choose among: {', '.join(ROOT_CHANNELS)}"
@@ -82,6 +88,17 @@ class Codec:
                     f"{self.feature_dim}, one a feature"
                 )
 
+    @cached_property
+    def written(self) -> Skeleton:
+        """The joints that features write: all of the skeleton, or those of ``joints``."""
+        return self.skeleton if self.joints is None else self.skeleton.select(self.joints)
+
+    def choose(self, of_joints: Float[Tensor, "*batch joints n"]) -> Float[Tensor, "*batch some n"]:
+        """Of what is there for every joint of the skeleton, that of the joints written."""
+        if self.joints is None:
+            return of_joints
+        return of_joints.index_select(-2, torch.tensor(self.joints, device=of_joints.device))
+
     @property
     def root_dim(self) -> int:
         """Number of root channels."""
@@ -90,7 +107,7 @@ class Codec:
     @property
     def joint_features(self) -> int:
         """Number of features of all joints together, without the root channels."""
-        return len(self.skeleton) * self.representation.joint_dim
+        return len(self.written) * self.representation.joint_dim
 
     @property
     def feature_dim(self) -> int:
@@ -100,7 +117,7 @@ class Codec:
     def split(self, features: Float[Tensor, "*batch features"]) -> Parts:
         """Joints and root channels of features; views, not copies."""
         joints, root = features.split([self.joint_features, self.root_dim], dim=-1)
-        return Parts(joints.unflatten(-1, (len(self.skeleton), -1)), root)
+        return Parts(joints.unflatten(-1, (len(self.written), -1)), root)
 
     def merge(
         self,
@@ -127,7 +144,9 @@ class Codec:
                 f"of the skeleton: {', '.join(self.skeleton.names)}"
             )
         joints = self.representation.continuous(
-            self.representation.encode(_continuous(rotations), motion.offsets[:, None])
+            self.representation.encode(
+                _continuous(self.choose(rotations)), self.choose(motion.offsets)[:, None]
+            )
         )
         root = motion.root_positions
         if self.root == "none":
@@ -143,6 +162,7 @@ class Codec:
         *,
         offsets: Float[Tensor, "batch joints 3"],
         anchor: Float[Tensor, "batch 3"],
+        held: Float[Tensor, "batch joints 4"] | None = None,
     ) -> Motion:
         """Motion of features that follow a known frame.
 
@@ -151,6 +171,10 @@ class Codec:
             offsets: the body, metres.
             anchor: world position of the root in the frame before the first of ``features``,
                 metres; displacements are summed up from there, or the root is held there.
+            held: local rotations in that frame, which joints that are not written keep; ``None``:
+                no rotation.
+            held: local rotations in that frame, which joints that are not written keep; ``None``:
+                no rotation.
 
         Returns:
             Its bones stretch (``translations_local``) where the representation says where joints
@@ -158,14 +182,35 @@ class Codec:
             representation states none.
         """
         joints, root = self.split(features)
-        rotations = self.representation.decode(joints, offsets[:, None])
-        moved = self.representation.translations(joints, offsets[:, None])
+        bodies = self.choose(offsets)[:, None]
+        rotations = self._beside(held, self.representation.decode(joints, bodies))
+        moved = self.representation.translations(joints, bodies)
+        if moved is not None and self.joints is not None:
+            # The roots of what is written are on joints that are not, at the body's own offsets.
+            roots = torch.tensor(self.written.roots, device=moved.device)
+            ends = bodies.expand_as(moved).index_select(-2, roots).to(moved)
+            moved = self._beside(offsets, moved.index_copy(-2, roots, ends))
         if self.root == "none":
             positions = anchor[:, None].expand(-1, features.shape[1], -1)
         else:
             travelled = anchor[:, None] + root.cumsum(dim=1)
             positions = torch.stack([travelled[..., 0], root[..., 1], travelled[..., 2]], dim=-1)
         return Motion(rotations, positions, offsets, moved)
+
+    def _beside(
+        self,
+        held: Float[Tensor, "batch joints n"] | None,
+        written: Float[Tensor, "batch frames some n"],
+    ) -> Float[Tensor, "batch frames joints n"]:
+        """What is written, and in every frame what the other joints hold (``None``: identity)."""
+        if self.joints is None:
+            return written
+        shape = (*written.shape[:2], len(self.skeleton))
+        if held is None:
+            every = quaternion.identity(*shape, like=written)
+        else:
+            every = held[:, None].expand(*shape, -1).to(written)
+        return every.index_copy(-2, torch.tensor(self.joints, device=written.device), written)
 
     def measure(
         self,

@@ -23,7 +23,7 @@ class Comparison:
         emitted: features before they were projected, residual included.
         target: features of the true frames, their signs continuous with the prefix.
         last: features of the last frame given, which the first of ``target`` follows.
-        offsets: the body of each window, metres.
+        offsets: the body of each window, those joints that the codec writes; metres.
         scale: what features are divided by where they are standardized; ``None``: by nothing.
         order: Euler order of the terms that measure angles.
     """
@@ -77,7 +77,7 @@ class Comparison:
         self, rotations: Float[Tensor, "batch frames joints 4"]
     ) -> Float[Tensor, "batch frames joints 3"]:
         """Positions from the root, by forward kinematics on the window's own body, metres."""
-        return joint_positions(self.codec.skeleton, rotations, self.offsets[:, None], None)
+        return joint_positions(self.codec.written, rotations, self.offsets[:, None], None)
 
     def _rotations(self, features: Tensor) -> Tensor:
         joints = self.codec.split(features).joints
@@ -97,4 +97,4 @@ class Comparison:
         if "translations" not in self.codec.representation.states:
             return self.on_true_body(rotations)
         bones = self._translations(features)
-        return joint_positions(self.codec.skeleton, rotations, bones, None)
+        return joint_positions(self.codec.written, rotations, bones, None)

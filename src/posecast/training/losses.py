@@ -148,7 +148,7 @@ def _quaternion(comparison: Comparison) -> Float[Tensor, ""]:
 
 def _quaternion_root(comparison: Comparison) -> Float[Tensor, ""]:
     """Root-relative rotations: an error at a shoulder counts again at the elbow and the hand."""
-    skeleton = comparison.codec.skeleton
+    skeleton = comparison.codec.written
     predicted = local_to_root(skeleton, comparison.predicted_rotations)
     target = local_to_root(skeleton, comparison.target_rotations)
     return quaternion_dot(predicted, _on_side(comparison, predicted, target))
@@ -182,7 +182,7 @@ def _position_fk(comparison: Comparison) -> Float[Tensor, ""]:
     return position(
         comparison.predicted_rotations,
         comparison.target_rotations,
-        skeleton=comparison.codec.skeleton,
+        skeleton=comparison.codec.written,
         offsets=comparison.offsets[:, None],
     )
 

@@ -98,7 +98,7 @@ def _check_term(name: str, codec: Codec) -> None:
     needs = LOSSES[name].needs
     if needs <= codec.representation.states:
         return
-    made = {kind: build_representation(kind, codec.skeleton) for kind in REPRESENTATIONS}
+    made = {kind: build_representation(kind, codec.written) for kind in REPRESENTATIONS}
     own = next(
         (kind for kind, each in made.items() if each == codec.representation),
         type(codec.representation).__name__,

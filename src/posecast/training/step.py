@@ -58,7 +58,7 @@ def training_loss(
             last=given[:, -1],
             scale=forecaster.scale,
             target=truth,
-            offsets=motion.offsets,
+            offsets=codec.choose(motion.offsets),
             order=objective.order,
         )
     )
