@@ -16,6 +16,7 @@ from posecast.evaluation import (
     build_protocol,
 )
 from posecast.evaluation.times import frame_of
+from posecast.evaluation.windows import Grid
 from posecast.model import RunningAverage, ZeroVelocity
 from posecast.motion.clip import Motion
 from posecast.motion.corpus import Corpus
@@ -107,10 +108,10 @@ def test_a_time_between_frames_is_refused_with_the_nearest_that_would_do(ms, fps
     assert advice in str(caught.value)
 
 
-def test_there_are_six_protocols():
+def test_there_are_seven_protocols():
     assert list(PROTOCOLS) == [
         *("h36m-standard", "h36m-128", "h36m-long"),
-        *("cmu-acrnn", "cross-skeleton", "short-term"),
+        *("cmu-acrnn", "cross-skeleton", "amass-spl", "short-term"),
     ]
 
 
@@ -138,17 +139,22 @@ def test_an_oracle_scores_zero_everywhere(corpus, kind):
         "short-term": {"stride": 40},
         "cross-skeleton": {"stride": 40, "prefix_ms": 400, "horizons_ms": [80, 160, 320, 400]},
         "cmu-acrnn": {"stride": 40, "horizons_ms": [120, 400, 800, 1000]},
+        "amass-spl": {"joints": None, "horizons_ms": [120, 200, 320, 400]},
     }.get(kind, {})
     protocol = build_protocol(kind, **options)
     if kind == "cmu-acrnn":  # at the rate of the corpus, which is that of no paper
         protocol = replace(protocol, fps=25.0, prefix_ms=400)
+    if kind == "amass-spl":
+        protocol = replace(protocol, fps=25.0, sampling=Grid(40, None, least=75))
     scores = protocol.score(Oracle(corpus), corpus)
     lines = len(scores.actions) + 1  # and their average
-    assert lines == (2 if kind in ("cmu-acrnn", "cross-skeleton") else 3)
+    assert lines == (2 if kind in ("cmu-acrnn", "cross-skeleton", "amass-spl") else 3)
     assert len(scores.rows) == lines * len(scores.metrics) * len(protocol.horizons_ms)
     # What the truth itself has of acceleration and jitter is no error.
     judged = [row for row in scores.rows if not row.metric.startswith(OWN) or "error" in row.metric]
-    assert max(row.value for row in judged) < 1e-6
+    shares = [row.value for row in judged if row.metric == "pck_auc"]
+    assert shares == pytest.approx([1.0] * len(shares))
+    assert max(row.value for row in judged if row.metric != "pck_auc") < 1e-6
 
 
 def test_a_row_is_the_mean_over_windows_and_the_average_is_unweighted(make_clip):
@@ -255,3 +261,59 @@ def test_a_value_that_was_not_measured_is_refused(corpus):
 def test_a_protocol_that_measures_nothing_is_refused():
     with pytest.raises(ConfigError, match="'short-term': no metrics; expected some of euler"):
         build_protocol("short-term", metrics=[])
+
+
+def test_the_windows_of_amass_spl_are_three_seconds_whatever_the_horizon(make_h36m):
+    corpus = make_h36m(("walking",))
+    frames = corpus.clips[0].frames
+    long = replace(
+        build_protocol("amass-spl", horizons_ms=[80, 400]),
+        fps=25.0,
+        sampling=Grid(50, None, least=75),
+    )
+    (group,) = long.windows(corpus).groups
+    starts = [window.start for window in group.windows if window.clip == group.windows[0].clip]
+    assert starts == list(range(0, frames - 74, 50))
+    shorter = replace(long, horizons_ms=(120,))
+    assert shorter.windows(corpus).groups == long.windows(corpus).groups
+    assert build_protocol("amass-spl").sampling == Grid(120, None, least=180)
+    assert build_protocol("amass-spl").frames(60.0) == (120, (6, 12, 18, 24))
+    assert build_protocol("amass-spl", horizons_ms=[600, 1000]).frames(60.0) == (120, (36, 60))
+    with pytest.raises(ConfigError, match=r"windows of 76 frames.*have 75: shorten the horizons"):
+        replace(long, horizons_ms=(1040,)).windows(corpus)
+
+
+def test_the_joints_that_count_are_chosen_by_name(corpus):
+    whole = build_protocol("short-term", stride=40, metrics=["position", "euler"])
+    some = build_protocol(
+        "short-term", stride=40, metrics=["position", "euler"], joints=["Head", "Hips"]
+    )
+    scores = some.score(ZeroVelocity(), corpus)
+    assert scores.joints_left_out == {
+        "position": ("Spine", "LeftLeg", "RightLeg"),
+        "euler": ("Hips",),  # it counts what it always counts
+    }
+    alone = build_protocol("short-term", stride=40, metrics=["position"], joints=["Head"])
+    head = alone.score(ZeroVelocity(), corpus).value("position", 400)
+    assert scores.value("position", 400) == pytest.approx(head / 2)  # the hips do not move
+    every = whole.score(ZeroVelocity(), corpus)
+    assert every.value("euler", 400) == scores.value("euler", 400)
+    assert every.value("position", 400) != scores.value("position", 400)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"joints": ["Head", "Tail"]}, "looks at joints that corpus 'toy' has not: Tail; it has"),
+        ({"thigh": "Femur"}, "looks at joints that corpus 'toy' has not: Femur"),
+    ],
+)
+def test_joints_that_are_not_there_are_named(corpus, options, message):
+    protocol = build_protocol("short-term", stride=40, **options)
+    with pytest.raises(ConfigError, match=message):
+        protocol.score(ZeroVelocity(), corpus)
+
+
+def test_a_skeleton_that_is_in_no_catalog_is_named():
+    with pytest.raises(ConfigError, match=r"protocol.joints: no skeleton is called 'smpl-16'"):
+        build_protocol("amass-spl", joints="smpl-16")

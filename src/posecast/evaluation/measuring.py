@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from torch import Tensor
 
 from posecast.errors import ConfigError
+from posecast.evaluation.metric import EVERY_JOINT, Counting
 from posecast.evaluation.metrics import METRICS
 from posecast.evaluation.prediction import Predictor, Replayer, run_predictor
 from posecast.evaluation.times import Frames
@@ -21,6 +22,7 @@ def measure(
     frames: Frames,
     metrics: Sequence[str],
     *,
+    counting: Counting = EVERY_JOINT,
     batch: int = 256,
 ) -> dict[tuple[str, str], Tensor]:
     """All metrics of all windows: (group, metric) -> values (windows, horizons), float64.
@@ -33,13 +35,14 @@ def measure(
         groups: windows; a metric is shown all those of a group at once.
         frames: of the prefix and the horizons.
         metrics: names in ``METRICS``.
+        counting: which joints they look at.
         batch: windows a call of ``predict``.
 
     Raises:
         ConfigError: what it returns is not what was asked for, or it has no ``replay`` that a
             metric needs.
     """
-    replaying = [metric for metric in metrics if METRICS[metric].needs_replay]
+    replaying = [metric for metric in metrics if "replayed" in METRICS[metric].asks]
     if replaying and not isinstance(predictor, Replayer):
         raise ConfigError(
             f"{type(predictor).__name__} has no replay(prefix), which gives what was expected of "
@@ -48,7 +51,13 @@ def measure(
     values: dict[tuple[str, str], Tensor] = {}
     for group in groups:
         predicted, target, scene = run_predictor(
-            predictor, corpus, group.windows, frames, replay=bool(replaying), batch=batch
+            predictor,
+            corpus,
+            group.windows,
+            frames,
+            replay=bool(replaying),
+            counting=counting,
+            batch=batch,
         )
         for name in metrics:
             values[group.name, name] = METRICS[name].values(

@@ -14,6 +14,25 @@ from posecast.errors import ConfigError
 from posecast.motion.clip import Motion
 from posecast.skeleton import Skeleton
 
+Ask = Literal["replayed", "counted", "thigh"]
+"""Parts of a scene that are found only for metrics that look at them."""
+
+
+class Counting(NamedTuple):
+    """Which joints metrics look at.
+
+    Args:
+        counted: indices of the joints, for metrics that ask; ``None``: all but the first.
+        thigh: the joint whose offset is a thigh, the unit of some metrics; ``None``: the left knee,
+            by its name.
+    """
+
+    counted: tuple[int, ...] | None = None
+    thigh: int | None = None
+
+
+EVERY_JOINT = Counting()
+
 
 class Scene(NamedTuple):
     """What a metric may need to know besides the two motions.
@@ -24,12 +43,27 @@ class Scene(NamedTuple):
         prefix: the true frames before the first predicted one.
         replayed: what was expected of the prefix's frames after the first, each after reading those
             before it; only where a metric asks for it.
+        counted, thigh: see ``Counting``.
     """
 
     skeleton: Skeleton
     fps: float
     prefix: Motion
     replayed: Motion | None = None
+    counted: tuple[int, ...] | None = None
+    thigh: int | None = None
+
+    def mean_of_joints(
+        self, values: Float[Tensor, "batch frames joints"]
+    ) -> Float[Tensor, "batch frames"]:
+        """Mean over the joints that count."""
+        return self.of_joints(values).mean(-1)
+
+    def of_joints(
+        self, values: Float[Tensor, "batch frames joints"]
+    ) -> Float[Tensor, "batch frames some"]:
+        """The values of the joints that count."""
+        return values[..., 1:] if self.counted is None else values[..., list(self.counted)]
 
 
 @runtime_checkable
@@ -43,7 +77,7 @@ class Metric(Protocol):
         digits: decimals worth printing.
         least_frames: fewest frames that a horizon must have.
         least_prefix: fewest frames that the prefix must have.
-        needs_replay: whether it looks at ``Scene.replayed``.
+        asks: what of a scene it looks at beyond skeleton, frame rate and prefix.
     """
 
     @property
@@ -59,7 +93,7 @@ class Metric(Protocol):
     @property
     def least_prefix(self) -> int: ...
     @property
-    def needs_replay(self) -> bool: ...
+    def asks(self) -> frozenset[Ask]: ...
 
     def values(
         self, predicted: Motion, target: Motion, scene: Scene, frames: Sequence[int]
@@ -120,7 +154,7 @@ class FrameMetric:
     first_counted: int = 1
     least_frames: int = 1
     least_prefix: int = 1
-    needs_replay: bool = False
+    asks: frozenset[Ask] = frozenset()
 
     def values(
         self, predicted: Motion, target: Motion, scene: Scene, frames: Sequence[int]

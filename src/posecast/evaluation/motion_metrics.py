@@ -14,7 +14,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from posecast.evaluation.metric import FrameMetric, Metric, Scene, check_lengths
+from posecast.evaluation.metric import Ask, FrameMetric, Metric, Scene, check_lengths
 from posecast.evaluation.npss import Power, npss
 from posecast.motion.clip import Motion
 from posecast.skeleton import Skeleton
@@ -104,9 +104,9 @@ class Span:
     with_prefix: bool = False
 
     @property
-    def needs_replay(self) -> bool:
+    def asks(self) -> frozenset[Ask]:
         """See ``Metric``."""
-        return self.with_prefix
+        return frozenset({"replayed"} if self.with_prefix else ())
 
     @property
     def least_prefix(self) -> int:

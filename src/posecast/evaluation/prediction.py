@@ -8,7 +8,7 @@ from typing import NamedTuple, Protocol, runtime_checkable
 import torch
 
 from posecast.errors import ConfigError
-from posecast.evaluation.metric import Scene
+from posecast.evaluation.metric import EVERY_JOINT, Counting, Scene
 from posecast.evaluation.times import Frames
 from posecast.geometry import quaternion
 from posecast.motion.clip import Motion
@@ -54,6 +54,7 @@ def run_predictor(
     frames: Frames,
     *,
     replay: bool = False,
+    counting: Counting = EVERY_JOINT,
     batch: int = 256,
 ) -> Outcome:
     """Predict some windows as far as the furthest horizon.
@@ -64,6 +65,7 @@ def run_predictor(
         windows: at least one.
         frames: of the prefix and the horizons.
         replay: whether to ask it for the prefix's frames as well, see ``Replayer``.
+        counting: which joints metrics look at.
         batch: windows a call.
 
     Raises:
@@ -83,7 +85,8 @@ def run_predictor(
                 found = predictor.replay(piece)
                 replayed.append(_checked(found, piece.cut(1), f"{name}.replay"))
     again = Motion.join(replayed) if replayed else None
-    return Outcome(Motion.join(predicted), target, Scene(corpus.skeleton, corpus.fps, known, again))
+    scene = Scene(corpus.skeleton, corpus.fps, known, again, *counting)
+    return Outcome(Motion.join(predicted), target, scene)
 
 
 def _gather(corpus: Corpus, windows: Sequence[Window], length: int) -> Motion:

@@ -7,16 +7,19 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from posecast.config import check_call, did_you_mean, pick_kind
-from posecast.errors import ConfigError
+from posecast.errors import ConfigError, SkeletonError
 from posecast.evaluation.baselines import BASELINE_NAMES
 from posecast.evaluation.measuring import measure
-from posecast.evaluation.metric import check_lengths
+from posecast.evaluation.metric import Counting, Metric, check_lengths
 from posecast.evaluation.metrics import METRICS
 from posecast.evaluation.prediction import Predictor
 from posecast.evaluation.scores import Milliseconds, Scores, list_ms
 from posecast.evaluation.times import Frames, frame_of
+from posecast.evaluation.until_metrics import left_thigh
 from posecast.evaluation.windows import Grid, LegacyDraws, Sampling
 from posecast.motion.corpus import Corpus
+from posecast.skeleton import Skeleton
+from posecast.skeleton.catalog import named_skeleton
 
 SHORT_TERM_MS: tuple[Milliseconds, ...] = (80, 160, 320, 400)
 
@@ -36,6 +39,9 @@ class Protocol:
         fps: frame rate that the windows are defined at; ``None`` takes the corpus's.
         baselines: names of the baselines in every table, see ``BASELINE_NAMES``.
         notes: what should be read beside its tables; full sentences.
+        joints: names of the joints that metrics of chosen joints look at; ``None``: all but the
+            first of the corpus's skeleton.
+        thigh: the joint whose offset is the unit of metrics in thighs; ``None``: the left knee.
     """
 
     name: str
@@ -46,6 +52,8 @@ class Protocol:
     fps: float | None = None
     baselines: tuple[str, ...] = ("zero-velocity", "running-average-2", "running-average-4")
     notes: tuple[str, ...] = ()
+    joints: tuple[str, ...] | None = None
+    thigh: str | None = None
 
     def __post_init__(self) -> None:
         if not self.horizons_ms or list(self.horizons_ms) != sorted(set(self.horizons_ms)):
@@ -114,21 +122,48 @@ class Protocol:
         """
         if len(corpus.skeleton) < 2:
             raise ConfigError(f"corpus {corpus.name!r} has no joint below the root to measure")
+        counting = self._counting(corpus)
         sampling, frames = self.windows(corpus, split), self.frames(corpus.fps)
+        values = measure(
+            predictor,
+            corpus,
+            sampling.groups,
+            frames,
+            self.metrics,
+            counting=counting,
+            batch=batch,
+        )
         return Scores(
             system=system or type(predictor).__name__,
             corpus=corpus.name,
             protocol=self.name,
             split=split,
             horizons_ms=self.horizons_ms,
-            values=measure(predictor, corpus, sampling.groups, frames, self.metrics, batch=batch),
+            values=values,
             expected=sampling.expected,
             missing=sampling.missing,
             notes=(*sampling.notes, *self.notes),
             joints_left_out={
-                metric: METRICS[metric].left_out(corpus.skeleton) for metric in self.metrics
+                metric: _left_out(METRICS[metric], corpus.skeleton, counting)
+                for metric in self.metrics
             },
         )
+
+    def _counting(self, corpus: Corpus) -> Counting:
+        """The joints that count, as indices of the corpus's skeleton."""
+        names = corpus.skeleton.names
+        wanted = (*(self.joints or ()), *(() if self.thigh is None else (self.thigh,)))
+        absent = [name for name in wanted if name not in names]
+        if absent:
+            raise ConfigError(
+                f"protocol {self.name!r} looks at joints that corpus {corpus.name!r} has not: "
+                f"{', '.join(absent)}; it has {', '.join(names)}"
+            )
+        chosen = None if self.joints is None else tuple(map(names.index, self.joints))
+        thigh = None if self.thigh is None else names.index(self.thigh)
+        if thigh is None and any("thigh" in METRICS[metric].asks for metric in self.metrics):
+            thigh = left_thigh(corpus.skeleton)
+        return Counting(chosen, thigh)
 
 
 def build_protocol(kind: str, **options: Any) -> Protocol:
@@ -167,6 +202,8 @@ def short_term(
     stride: int = 10,
     metrics: Sequence[str] = ("euler", "euler_wrapped", "joint_angle", "position"),
     group_by: str = "action",
+    joints: str | list[str] | None = None,
+    thigh: str | None = None,
 ) -> Protocol:
     """Short-term forecasting on any corpus: windows on a grid over all clips of the split.
 
@@ -176,6 +213,9 @@ def short_term(
         stride: frames from the start of one window to that of the next.
         metrics: names in ``METRICS``.
         group_by: label of the clips that makes the lines of the table.
+        joints: which joints count for metrics that choose them: names, or a skeleton of the
+            catalog such as ``smpl-15``; by default all but the first.
+        thigh: the joint whose offset is the unit of metrics in thighs; by default the left knee.
     """
     return Protocol(
         name="short-term",
@@ -183,6 +223,46 @@ def short_term(
         prefix_ms=prefix_ms,
         horizons_ms=tuple(horizons_ms),
         metrics=tuple(metrics),
+        joints=_names(joints),
+        thigh=thigh,
+    )
+
+
+AMASS_METRICS = ("euler_inverse_sum", "joint_angle_sum", "position_thighs_sum", "pck_auc")
+
+
+def amass_spl(
+    horizons_ms: Sequence[Milliseconds] = (100, 200, 300, 400),
+    metrics: Sequence[str] = AMASS_METRICS,
+    joints: str | list[str] | None = "smpl-15",
+    thigh: str | None = None,
+) -> Protocol:
+    """AMASS at 60 fps: 2 s given, windows of 3 s every 2 s, errors summed over frames until t.
+
+    Every horizon, up to 1000 ms, is measured on the same windows of 180 frames.
+
+    Args:
+        horizons_ms: 100 to 400 in the tables; the paper's supplement goes on to 1000.
+        metrics: names in ``METRICS``.
+        joints: which joints count: names, or a skeleton of the catalog.
+        thigh: the joint whose offset is the unit of positions; by default the left knee.
+
+    Source: Aksan et al. 2019, section 4 and Table 2.
+    """
+    return Protocol(
+        name="amass-spl",
+        sampling=Grid(120, None, least=180),
+        prefix_ms=2000,
+        horizons_ms=tuple(horizons_ms),
+        metrics=tuple(metrics),
+        fps=60.0,
+        baselines=("zero-velocity",),
+        notes=(
+            "Aksan et al. 2019 used an early release of AMASS with lists of its own; on other "
+            "files or splits numbers are not comparable with theirs.",
+        ),
+        joints=_names(joints),
+        thigh=thigh,
     )
 
 
@@ -291,8 +371,29 @@ PROTOCOLS: dict[str, Callable[..., Protocol]] = {
     "h36m-long": h36m_long,
     "cmu-acrnn": cmu_acrnn,
     "cross-skeleton": cross_skeleton,
+    "amass-spl": amass_spl,
     "short-term": short_term,
 }
+
+
+def _left_out(metric: Metric, skeleton: Skeleton, counting: Counting) -> tuple[str, ...]:
+    """Names of the joints that never enter a metric's value."""
+    if counting.counted is None or "counted" not in metric.asks:
+        return metric.left_out(skeleton)
+    counted = frozenset(counting.counted)
+    return tuple(name for joint, name in enumerate(skeleton.names) if joint not in counted)
+
+
+def _names(joints: str | Sequence[str] | None) -> tuple[str, ...] | None:
+    """Joints by name: those of a skeleton in the catalog, or as they are."""
+    if joints is None:
+        return None
+    if not isinstance(joints, str):
+        return tuple(joints)
+    try:
+        return named_skeleton(joints).skeleton.names
+    except SkeletonError as error:
+        raise ConfigError(f"protocol.joints: {error}") from None
 
 
 def _h36m(name: str, pairs: int, horizons_ms: Sequence[Milliseconds]) -> Protocol:

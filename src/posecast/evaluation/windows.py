@@ -181,6 +181,8 @@ class Grid:
         group_by: label to group by; clips without it are grouped as ``all``, and all clips are with
             ``None``.
         limit: most windows of a group, spread evenly over all on the grid; ``None``: all of them.
+        least: windows begin only where so many frames are left, however few of them are used, so
+            that they are the same whatever the horizons; ``None``: as many as are used.
 
     Raises:
         ConfigError: a stride or a limit below one.
@@ -189,6 +191,7 @@ class Grid:
     stride: int
     group_by: str | None = "action"
     limit: int | None = None
+    least: int | None = None
 
     def __post_init__(self) -> None:
         if self.stride < 1:
@@ -202,8 +205,15 @@ class Grid:
         """All windows of ``length`` frames on the grid.
 
         Raises:
-            ConfigError: no clip of the split is long enough.
+            ConfigError: they are longer than what is kept for them, or no clip of the split is as
+                long.
         """
+        if self.least is not None and length > self.least:
+            raise ConfigError(
+                f"windows of {length} frames, prefix and horizon together; those of this protocol "
+                f"have {self.least}: shorten the horizons"
+            )
+        length = self.least or length
         grouped: dict[str, list[Window]] = {}
         short: list[str] = []
         indices = corpus.indices(split)
