@@ -151,6 +151,8 @@ def test_tensors_that_no_system_has_are_refused(run: Path, tmp_path: Path) -> No
     ("changed", "message"),
     [
         ("training.select_best_by=eulr", "select_best_by: validation measures no 'eulr'; did you"),
+        ("training.select_best_by=pck_auc_400ms", "validation measures no 'pck_auc_400ms'"),
+        ("protocol.metrics=[pck_auc,euler]", "is better the higher it is; put an error first"),
         ("protocol.prefix_ms=200000", "none of its"),
         ("protocol.kind=h36m-128", "use protocol 'short-term'"),
     ],

@@ -13,6 +13,7 @@ import torch
 from posecast.checkpoint import Checkpoint, load_checkpoint, save_checkpoint
 from posecast.config import did_you_mean
 from posecast.errors import ConfigError, DataError
+from posecast.evaluation import METRICS
 from posecast.evaluation.scores import AVERAGE, Scores
 from posecast.forecast import forecast_clip
 from posecast.model import Forecaster, ForecasterPredictor
@@ -252,9 +253,16 @@ def _check_validation(recipe: Recipe, corpus: Corpus) -> None:
         return
     protocol = recipe.protocol
     protocol.windows(corpus, "validation")
+    errors = [metric for metric in protocol.metrics if not METRICS[metric].higher_is_better]
+    if wanted is None and protocol.metrics[0] not in errors:
+        raise ConfigError(
+            f"protocol.metrics: the first, {protocol.metrics[0]!r}, would select the best "
+            "checkpoint by its lowest value, but is better the higher it is; put an error first, "
+            "or set training.select_best_by"
+        )
     known = [
-        protocol.metrics[0],
-        *(f"{metric}_{ms:g}ms" for metric in protocol.metrics for ms in protocol.horizons_ms),
+        *(metric for metric in protocol.metrics[:1] if metric in errors),
+        *(f"{metric}_{ms:g}ms" for metric in errors for ms in protocol.horizons_ms),
     ]
     if wanted is not None and wanted not in known:
         raise ConfigError(

@@ -78,6 +78,7 @@ class Metric(Protocol):
         least_frames: fewest frames that a horizon must have.
         least_prefix: fewest frames that the prefix must have.
         asks: what of a scene it looks at beyond skeleton, frame rate and prefix.
+        higher_is_better: whether it counts what is right, rather than measures what is wrong.
     """
 
     @property
@@ -94,6 +95,8 @@ class Metric(Protocol):
     def least_prefix(self) -> int: ...
     @property
     def asks(self) -> frozenset[Ask]: ...
+    @property
+    def higher_is_better(self) -> bool: ...
 
     def values(
         self, predicted: Motion, target: Motion, scene: Scene, frames: Sequence[int]
@@ -155,6 +158,7 @@ class FrameMetric:
     least_frames: int = 1
     least_prefix: int = 1
     asks: frozenset[Ask] = frozenset()
+    higher_is_better: bool = False
 
     def values(
         self, predicted: Motion, target: Motion, scene: Scene, frames: Sequence[int]

@@ -92,7 +92,7 @@ class Span:
         measure: (places predicted, places true) -> one value a window; of all joints, metres.
         with_prefix: whether the frames of the prefix after the first are among them, as they were
             expected one by one (``Scene.replayed``).
-        name, title, unit, digits, least_frames: see ``Metric``.
+        name, title, unit, digits, least_frames, higher_is_better: see ``Metric``.
     """
 
     name: str
@@ -102,6 +102,7 @@ class Span:
     digits: int = 3
     least_frames: int = 1
     with_prefix: bool = False
+    higher_is_better: bool = False
 
     @property
     def asks(self) -> frozenset[Ask]:

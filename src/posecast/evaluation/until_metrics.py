@@ -134,6 +134,7 @@ class CorrectKeypointsArea:
     least_frames: int = 1
     least_prefix: int = 1
     asks: frozenset[Ask] = frozenset({"counted", "thigh"})
+    higher_is_better: bool = True
 
     def values(
         self, predicted: Motion, target: Motion, scene: Scene, frames: Sequence[int]
