@@ -213,7 +213,9 @@ def test_long_rollouts_are_held_against_the_training_set(
     _run("endure", checkpoint, "--frames", "130", "--starts", "2", "--out", tmp_path / "end")
     facts = json.loads(capsys.readouterr().out)
     assert (facts["frames"], facts["rollouts"], facts["seconds"]) == (130, 2, 4)
+    assert facts["split"] == "test"
     assert 0 <= facts["frozen_share"] <= 1
+    assert 0 <= facts["moving_at_the_end"] <= 2
     assert facts == json.loads((tmp_path / "end" / "endurance.json").read_text("utf-8"))
     rows = (tmp_path / "end" / "endurance.csv").read_text("utf-8").splitlines()
     assert len(rows) == 1 + 2 * 4
@@ -254,7 +256,43 @@ def test_a_rollout_that_blows_up_is_said_to(
             weight.mul_(1e30)
     save(system, tmp_path / "blown")
     _run("endure", tmp_path / "blown", "--frames", "90", "--starts", "1", "--out", tmp_path / "end")
-    assert json.loads(capsys.readouterr().out)["blown_share"] == 1
+    facts = json.loads(capsys.readouterr().out)
+    assert (facts["blown_share"], facts["moving_at_the_end"]) == (1, 0)
+
+
+def test_rollouts_may_begin_in_another_split(
+    compared: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    checkpoint = compared / ROWS[0] / "0" / "best"
+    found = {}
+    for split in ("test", "validation"):
+        _run(
+            *("endure", checkpoint, "--frames", "90", "--starts", "1"),
+            *("--split", split, "--out", tmp_path / split),
+        )
+        facts = json.loads(capsys.readouterr().out)
+        assert facts.pop("split") == split
+        found[split] = facts
+    assert found["test"] != found["validation"]
+    with pytest.raises(SystemExit) as stopped:
+        main(["endure", str(checkpoint), "--split", "dev", "--out", str(tmp_path / "dev")])
+    assert stopped.value.code == 2
+    assert "has no split 'dev'; it has" in capsys.readouterr().err
+    assert not (tmp_path / "dev").exists()
+
+
+def test_a_rollout_that_stands_still_does_not_move_at_the_end(
+    compared: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    system = load(compared / "acrnn-quaternion-small" / "0" / "best")
+    with torch.no_grad():
+        for part in (system.forecaster.head, system.forecaster.root):
+            for weight in part.parameters():
+                weight.zero_()  # with the residual, the last frame again and again
+    save(system, tmp_path / "still")
+    _run("endure", tmp_path / "still", "--frames", "90", "--starts", "2", "--out", tmp_path / "end")
+    facts = json.loads(capsys.readouterr().out)
+    assert (facts["frozen_share"], facts["moving_at_the_end"]) == (1, 0)
 
 
 def test_a_mapping_of_a_joint_that_no_checkpoint_has_is_refused(

@@ -33,21 +33,23 @@ def endure(
     *,
     frames: int,
     starts: int,
+    split: str,
     corpus: str | None,
     root: Path | None,
 ) -> dict[str, Any]:
-    """Roll a system out from several places of the test split and see whether it keeps moving.
+    """Roll a system out from several places of a split and see whether it keeps moving.
 
     Args:
         checkpoint: a folder.
         out: folder for ``endurance.csv``, ``endurance.json``, ``endurance.png`` and ``end.png``.
         frames: length of the rollouts.
-        starts: how many rollouts, beginning at windows spread evenly over the test split.
+        starts: how many rollouts, beginning at windows spread evenly over the split.
+        split: ``test``, or ``validation`` to choose among checkpoints.
         corpus: kind of corpus; ``None``: the one the system was trained on.
         root: folder of the corpus.
 
     Raises:
-        ConfigError: a number out of its range, or no test clip as long as the prefix.
+        ConfigError: a number out of its range, or no clip of the split as long as the prefix.
     """
     if frames < 1 or starts < 1:
         raise ConfigError(f"--frames {frames}, --starts {starts}: expected 1 or more of each")
@@ -55,7 +57,7 @@ def endure(
     data = corpus_of(system, corpus, root)
     check_skeleton(system, data)
     detector = FreezeDetector.of(data.split("train"))
-    known = _starts(system, data, starts)
+    known = _starts(system, data, split, starts)
     out.mkdir(parents=True, exist_ok=True)
     kept: deque[Motion] = deque(maxlen=3)
     scene = Scene(data.skeleton, data.fps, known)
@@ -75,9 +77,11 @@ def endure(
     facts = {
         "system": system.recipe.name,
         "corpus": data.name,
+        "split": split,
         "frames": frames,
         "rollouts": len(known.root_positions),
         "seconds": found.speed.shape[1],
+        "moving_at_the_end": _moving_at_the_end(found),
         "frozen_share": found.frozen_share.mean().item(),
         "blown_share": found.blown_share.mean().item(),
         "speed_ratio_first_minute": found.speed_ratio[:, :60].mean().item(),
@@ -94,12 +98,14 @@ def endure(
     return facts
 
 
-def _starts(system: System, data: Corpus, starts: int) -> Motion:
-    """Prefixes spread evenly over the test split."""
+def _starts(system: System, data: Corpus, split: str, starts: int) -> Motion:
+    """Prefixes spread evenly over a split."""
     prefix = system.recipe.protocol.frames(system.fps).prefix
-    windows = data.windows("test", prefix)
+    windows = data.windows(split, prefix)
     if not len(windows):
-        raise ConfigError(f"no test clip of {data.name!r} has the {prefix} frames of a prefix")
+        raise ConfigError(
+            f"no clip of split {split!r} of {data.name!r} has the {prefix} frames of a prefix"
+        )
     places = [round(k * (len(windows) - 1) / max(starts - 1, 1)) for k in range(starts)]
     return data.gather([windows[place] for place in sorted(set(places))], prefix)
 
@@ -119,6 +125,12 @@ def _roll_out(system: System, known: Motion, frames: int) -> Iterator[Motion]:
             )
             anchor = piece.root_positions[:, -1]
             yield piece
+
+
+def _moving_at_the_end(found: Liveliness) -> int:
+    """How many rollouts are neither frozen nor blown in most seconds of their last minute."""
+    still = (found.frozen | found.blown)[:, -60:].double().mean(1)
+    return int((still < 0.5).sum())
 
 
 def _write_rows(found: Liveliness, path: Path) -> None:

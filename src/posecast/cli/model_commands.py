@@ -229,6 +229,9 @@ def endure(
     out: Annotated[Path, typer.Option("--out", help="Folder for tables and pictures.")],
     frames: Annotated[int, typer.Option("--frames", help="Length of the rollouts.")] = 30_000,
     starts: Annotated[int, typer.Option("--starts", help="How many rollouts.")] = 4,
+    split: Annotated[
+        str, typer.Option("--split", help="Where they begin: test, or validation to choose by.")
+    ] = "test",
     corpus: CorpusOption = None,
     root: RootOption = None,
 ) -> None:
@@ -238,7 +241,9 @@ def endure(
 
     for drawing in ("PIL.Image", "matplotlib.figure"):
         optional(drawing)
-    facts = endure_system(checkpoint, out, frames=frames, starts=starts, corpus=corpus, root=root)
+    facts = endure_system(
+        checkpoint, out, frames=frames, starts=starts, split=split, corpus=corpus, root=root
+    )
     print_json(facts)
 
 
