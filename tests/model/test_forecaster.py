@@ -172,6 +172,17 @@ def test_input_noise_has_its_standard_deviation_in_every_feature_of_every_frame(
     assert abs(neighbours) < 0.015
 
 
+def test_only_a_share_of_the_frames_gets_noise_if_asked(make_forecaster):
+    forecaster = make_forecaster(input_noise=0.25, input_noise_share=0.5)
+    ones = torch.ones(100, 50, 23, dtype=torch.float64)
+    noise = forecaster._inputs(ones, None, torch.Generator().manual_seed(0)) - ones
+    touched = noise.abs().amax(-1) > 0
+    assert torch.equal(touched, noise.abs().amin(-1) > 0)  # all features of a frame, or none
+    # 5000 draws: five standard errors.
+    assert touched.double().mean().item() == pytest.approx(0.5, abs=0.036)
+    assert noise[touched].std().item() == pytest.approx(0.25, abs=0.005)
+
+
 def test_noise_is_in_units_of_the_standardized_inputs(make_forecaster):
     wide = Codec(TWO, Quaternion(), statistics=Statistics(torch.zeros(8), 100 * torch.ones(8)))
     forecaster = make_forecaster(codec=wide, input_noise=0.25)
@@ -219,6 +230,7 @@ def test_controls_steer(make_forecaster, features):
     [
         ({"input_dropout": 1.0}, "input_dropout: 1.0 is no share"),
         ({"input_noise": -0.1}, "input_noise: -0.1 is no standard deviation"),
+        ({"input_noise_share": 0.0}, "input_noise_share: 0.0 is no share"),
         ({"input_noise": math.inf}, "input_noise: inf is no standard deviation"),
         ({"projection_activation": "relu"}, "follows a projection, but there is none"),
     ],

@@ -20,6 +20,7 @@ from posecast.model import Forecaster
 from posecast.skeleton import Skeleton
 from posecast.training import STATE, Objective, Plan, fit, keeping
 from posecast.training.feeding import ScheduledSampling
+from posecast.training.state import read_state
 
 EPOCHS = 40
 
@@ -290,6 +291,62 @@ def test_a_damaged_state_is_named(tiny, tmp_path, content):
 def test_a_metric_that_is_not_measured_is_refused(tiny, tmp_path):
     with pytest.raises(ConfigError, match="did you mean 'forecast'"):
         tiny.train(tmp_path, epochs=2, select_best_by="forecasts")
+
+
+def falling_then_rising(values, tiny, monkeypatch):
+    """Validations that go as given, whatever the forecaster does."""
+    rest = iter(values)
+    monkeypatch.setattr(tiny, "forecast_error", lambda model, corpus: {"forecast": next(rest)})
+
+
+VALUES = [5.0, 4.0, 3.99, 3.98, 3.5, 3.49, 3.48, 3.47, 1.0, 0.5]
+
+
+@pytest.mark.parametrize(
+    ("options", "epochs", "best"),
+    [
+        ({}, 10, 10),
+        ({"patience": 2}, 10, 10),
+        # 3.99 and 3.98 are lower than 4 by less than a hundredth, as the three after 3.5 are.
+        ({"patience": 3, "least_improvement": 0.01}, 8, 8),
+        ({"patience": 2, "least_improvement": 0.01}, 4, 4),
+    ],
+)
+def test_training_ends_early_when_validation_has_not_improved_for_long(
+    options, epochs, best, tiny, tmp_path, monkeypatch
+):
+    falling_then_rising(VALUES, tiny, monkeypatch)
+    found = tiny.train(tmp_path, epochs=10, **options)
+    assert (found.epochs, found.best.epoch) == (epochs, best)
+    assert read_state(tmp_path / STATE).epoch == epochs
+    assert len((tmp_path / "log.csv").read_text().splitlines()) == 1 + epochs
+
+
+def test_a_run_that_goes_on_has_not_forgotten_how_long_it_waited(tiny, tmp_path, monkeypatch):
+    falling_then_rising(VALUES, tiny, monkeypatch)
+    waiting = {"patience": 3, "least_improvement": 0.01}
+    tiny.train(tmp_path, epochs=6, **waiting)
+    found = tiny.train(tmp_path, epochs=10, resume=True, **waiting)
+    assert found.epochs == 8
+    # It is finished: nothing is trained, whatever validation would say.
+    again = tiny.train(tmp_path, epochs=10, resume=True, **waiting)
+    assert (again.epochs, again.averages) == (8, {})
+    # With more patience it goes on.
+    assert tiny.train(tmp_path, epochs=10, resume=True, patience=9).epochs == 10
+
+
+def test_noise_is_set_before_every_update(tiny, tmp_path):
+    forecaster = tiny.tiny_forecaster()
+    seen = []
+    forecaster.register_forward_pre_hook(lambda *_: seen.append(forecaster.input_noise))
+    found = tiny.train(
+        tmp_path, epochs=4, forecaster=forecaster, noise_at={2: 0.25, 3: 0.5}, validate_every=4
+    )
+    per_epoch = found.updates // 4
+    by_update = {0: 0.0, 1: 0.0, 2: 0.25, 3: 0.5}
+    assert list(dict.fromkeys(seen)) == list(
+        dict.fromkeys(by_update.get(update, 0.5) for update in range(4 * per_epoch))
+    )
 
 
 def test_a_loss_that_explodes_stops_the_run(tiny, tmp_path):

@@ -41,9 +41,33 @@ def test_the_learning_rate_decays_once_in_so_many_updates():
     assert rate.at(epoch=0, update=20_000) == pytest.approx(0.005 * 0.95**2)
 
 
+def test_the_learning_rate_decays_before_given_updates():
+    rate = LearningRate(0.001, 0.1, points=(1500, 4500))  # Jain et al. 2016
+    assert [rate.at(epoch=0, update=update) for update in (0, 1499)] == [0.001, 0.001]
+    assert rate.at(epoch=0, update=1500) == pytest.approx(1e-4)
+    assert rate.at(epoch=0, update=9999) == pytest.approx(1e-5)
+    assert Plan(decay=0.1, decay_at=[1500, 4500], learning_rate=0.001).rate == rate
+
+
+def test_noise_grows_at_given_updates():
+    noise = Plan(noise_at={250: 0.01, 500: 0.05}).noise
+    assert [noise.at(update) for update in (0, 249, 250, 499, 500, 9999)] == [
+        *(0, 0, 0.01, 0.01, 0.05, 0.05)
+    ]
+    assert Plan().noise is None
+
+
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
+        ({"decay_at": []}, r"at updates \[\]: expected at least one"),
+        ({"decay_at": [500, 200]}, "expected at least one, 0 or more, ascending"),
+        ({"decay_at": [500], "decay_every": 10}, "choose one"),
+        ({"noise_at": {500: 0.1, 200: 0.2}}, r"noise changes at updates \[500, 200\]"),
+        ({"noise_at": {500: -0.1}}, "expected standard deviations"),
+        ({"patience": 0}, "patience is 0"),
+        ({"patience": 3, "least_improvement": 1.0}, "least_improvement is 1.0"),
+        ({"least_improvement": 0.01}, "changes nothing without patience"),
         ({"epochs": 0}, "epochs is 0"),
         ({"prefix": 0}, "prefix is 0"),
         ({"save_every": 0}, "save_every is 0"),

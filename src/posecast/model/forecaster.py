@@ -54,7 +54,8 @@ class Forecaster(nn.Module):
         input_noise: standard deviation of the Gaussian noise added in training to what the backbone
             reads, in units of the standardized inputs; the residual reads them as they are. From
             poses that no recording has the network so learns to come back (Fragkiadaki et al.
-            2015, whose standard deviation grows in training; here it is one number).
+            2015, whose standard deviation grows in training: see ``Plan.noise_at``).
+        input_noise_share: share of the frames, drawn for each sequence, that get noise.
         projection: sizes of linear layers before the backbone, or of the only one, rectified
             units but for the last; ``None``: no such layer.
         projection_activation: what follows the last of them: nothing, or rectification.
@@ -74,6 +75,7 @@ class Forecaster(nn.Module):
         residual: Residual = "none",
         input_dropout: float = 0.0,
         input_noise: float = 0.0,
+        input_noise_share: float = 1.0,
         projection: int | list[int] | None = None,
         projection_activation: Literal["none", "relu"] = "none",
         still_start: bool = False,
@@ -91,6 +93,10 @@ class Forecaster(nn.Module):
             raise ConfigError(
                 f"input_noise: {input_noise} is no standard deviation; expected 0 or more"
             )
+        if not 0 < input_noise_share <= 1:
+            raise ConfigError(
+                f"input_noise_share: {input_noise_share} is no share; expected 0 < it <= 1"
+            )
         if projection_activation not in ("none", "relu"):
             raise ConfigError(
                 f"projection_activation: {projection_activation!r} is not known; "
@@ -105,6 +111,7 @@ class Forecaster(nn.Module):
         self.residual: Residual = residual
         self.input_dropout = input_dropout
         self.input_noise = input_noise
+        self.input_noise_share = input_noise_share
         self.rectify_projection = projection_activation == "relu"
         sizes = layer_sizes(codec.feature_dim, projection, "projection")
         self.projection = linear_layers(sizes)
@@ -197,7 +204,11 @@ class Forecaster(nn.Module):
         """What the backbone reads."""
         inputs = self.standardize(features)
         if self.training and self.input_noise > 0:
-            inputs = inputs + self.input_noise * _draw(torch.randn, inputs, generator)
+            noise = self.input_noise * _draw(torch.randn, inputs, generator)
+            if self.input_noise_share < 1:
+                chosen = _draw(torch.rand, inputs[..., :1], generator) < self.input_noise_share
+                noise = noise * chosen
+            inputs = inputs + noise
         if self.training and self.input_dropout > 0:
             drawn = _draw(torch.rand, inputs, generator)
             inputs = inputs * (drawn >= self.input_dropout) / (1 - self.input_dropout)

@@ -45,6 +45,18 @@ class Best(NamedTuple):
     metrics: Mapping[str, float]
 
 
+class Waited(NamedTuple):
+    """How long a run has waited for a better validation.
+
+    Args:
+        mark: value to beat.
+        validations: in a row that did not.
+    """
+
+    mark: float
+    validations: int
+
+
 class Keeper:
     """Keeps what a run must not lose, in the main process.
 
@@ -73,9 +85,20 @@ class Keeper:
         self.settings, self.validate, self.save = settings, validate, save
         self.begin = 0 if begin is None else begin.epoch
         self.best = None if begin is None or begin.best is None else Best(**begin.best)
+        kept = None if begin is None else begin.waited
+        self.waited = None if kept is None else Waited(kept["mark"], int(kept["validations"]))
         self.display: Display | None = None
         self._validation: dict[str, float] = {}
         self._saved = self._told = time.monotonic()
+
+    def is_enough(self) -> bool:
+        """Whether validation has not improved for as long as the plan waits."""
+        patience = self.plan.patience
+        return (
+            patience is not None
+            and self.waited is not None
+            and (self.waited.validations >= patience)
+        )
 
     def open(self, *, progress: bool) -> Display:
         """Take the tables back to where the run begins, and make what shows its progress."""
@@ -119,6 +142,7 @@ class Keeper:
         }
         if found and self._improves(done, found) and self.save is not None:
             self.save(self.folder / BEST, self.forecaster, progress)
+        final = final or self.is_enough()
         if final or self._due(done):
             # The state comes last: a run killed in between does this epoch's checkpoint again.
             if self.save is not None:
@@ -152,11 +176,20 @@ class Keeper:
     def _improves(self, done: int, found: Mapping[str, float]) -> bool:
         """Whether this validation is the best so far; it is remembered if it is."""
         metric = next(iter(self._headline()))
+        self._wait(found[metric])
         least = math.inf if self.best is None else self.best.metrics.get(metric, math.inf)
         if not found[metric] < least:
             return False
         self.best = Best(done, metric, dict(found))
         return True
+
+    def _wait(self, value: float) -> None:
+        """Count a validation that is not lower than the mark by enough; one that is sets it."""
+        least = 1 - self.plan.least_improvement
+        if self.waited is None or value < self.waited.mark * least:
+            self.waited = Waited(value, 0)
+        else:
+            self.waited = Waited(self.waited.mark, self.waited.validations + 1)
 
     def _due(self, done: int) -> bool:
         """Whether a state is to be saved now; the first is, so that an early kill costs little."""
@@ -173,6 +206,7 @@ class Keeper:
             best=None if self.best is None else self.best._asdict(),
             weights=self.forecaster.state_dict(),
             moments=optimizer_moments(optimizer, self.forecaster),
+            waited=None if self.waited is None else self.waited._asdict(),
         )
         write_state(state, self.folder / STATE)
         self._saved = time.monotonic()

@@ -19,7 +19,12 @@ from posecast.model.forecaster import Forecaster
 from posecast.training.feeding import Feed
 from posecast.training.objective import Objective
 from posecast.training.sampling import Windows
-from posecast.training.schedules import LearningRate, derived_generator, derived_seed
+from posecast.training.schedules import (
+    LearningRate,
+    NoiseLevels,
+    derived_generator,
+    derived_seed,
+)
 from posecast.training.state import TrainingState, restore_moments
 from posecast.training.step import training_loss
 
@@ -54,9 +59,13 @@ class TrainingModule(lightning.LightningModule):
         clip: largest norm of the gradient of all parameters together; ``None``: as it comes.
         optimizer: a member of ``OPTIMIZERS``.
         feedback_gradient: whether predictions that are fed back pass gradients on.
+        noise: standard deviation of the noise on the inputs for every update; ``None``: it stays
+            what the forecaster has.
         begin: the state to go on from; its weights are in the forecaster already.
         after_epoch: called in the main process with the epochs and updates done, the averages of
             the epoch and the optimizer; what it returns goes to the loggers.
+        is_enough: asked in the main process after every epoch, whether to stop early; ``None``: run
+            to the end.
     """
 
     def __init__(
@@ -71,8 +80,10 @@ class TrainingModule(lightning.LightningModule):
         clip: float | None,
         optimizer: str = "adam",
         feedback_gradient: bool = True,
+        noise: NoiseLevels | None = None,
         begin: TrainingState | None = None,
         after_epoch: AfterEpoch | None = None,
+        is_enough: Callable[[], bool] | None = None,
     ) -> None:
         super().__init__()
         self.forecaster = forecaster
@@ -84,9 +95,12 @@ class TrainingModule(lightning.LightningModule):
         self.clip = clip
         self.kind = optimizer
         self.feedback_gradient = feedback_gradient
+        self.noise = noise
         self.begin = begin
         self.after_epoch = after_epoch
+        self.is_enough = is_enough
         self.last: dict[str, float] = {}
+        self.epochs = 0 if begin is None else begin.epoch
         self._sums: dict[str, Tensor] = {}
         self._counts: dict[str, float] = {}
 
@@ -122,6 +136,8 @@ class TrainingModule(lightning.LightningModule):
         )
         motion = batch.motion.map(lambda values: values.to(self.device))
         draws = derived_generator(self.windows.seed, "feed", self.epoch, step)
+        if self.noise is not None:
+            self.forecaster.input_noise = self.noise.at(self.updates)
         mask = self.feed.mask(self.windows.length - self.prefix, self.epoch, draws)
         loss = training_loss(
             self.forecaster,
@@ -156,12 +172,16 @@ class TrainingModule(lightning.LightningModule):
             "learning_rate": self.rate.at(epoch=self.epoch, update=self.updates - 1),
             "teacher_forcing": self.feed.share(self.epoch),
         }
+        self.epochs = self.epoch + 1
         if self.trainer.is_global_zero and self.after_epoch is not None:
             row = self.after_epoch(
                 self.epoch + 1, self.updates, self.last, self.trainer.optimizers[0]
             )
             for logger in self.trainer.loggers:
                 logger.log_metrics(dict(row), step=self.epoch + 1)
+        if self.is_enough is not None:
+            # The main process alone validates; all stop together.
+            self.trainer.should_stop = bool(self.trainer.strategy.broadcast(self.is_enough()))
 
     def _averages(self) -> dict[str, float]:
         """Means over the epoch and over all processes, each window counted once.

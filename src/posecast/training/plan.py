@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import importlib.util
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
 from posecast.errors import ConfigError
-from posecast.training.schedules import LearningRate
+from posecast.training.schedules import LearningRate, NoiseLevels
 
 STRATEGIES = ("auto", "ddp", "ddp_find_unused_parameters_true")
 
@@ -28,6 +29,7 @@ class Plan:
         learning_rate: of the first update.
         decay: factor of the learning rate at each decay.
         decay_every: updates between decays; ``None``: once an epoch.
+        decay_at: updates before which the rate decays, instead of regularly.
         clip: largest norm of the gradient; ``None``: as it comes.
         optimizer: ``adam``, or ``sgd`` without momentum.
         feedback_gradient: whether predictions that are fed back pass gradients on.
@@ -37,6 +39,12 @@ class Plan:
         select_best_by: validation metric to keep the best checkpoint by, the lower the better;
             ``None``: the first one.
         save_every: epochs between saved states; ``None``: about once a minute.
+        patience: validations in a row without improvement after which training ends early;
+            ``None``: it never does.
+        least_improvement: share of the value to beat by which a validation must be lower to count;
+            every lower one is kept as the best.
+        noise_at: for numbers of updates the standard deviation of the noise on the inputs from
+            there on (``Forecaster.input_noise``); ``None``: it stays what it is.
 
     Raises:
         ConfigError: a number out of its range.
@@ -50,6 +58,7 @@ class Plan:
     learning_rate: float = 1e-3
     decay: float = 0.999
     decay_every: int | None = None
+    decay_at: list[int] | None = None
     clip: float | None = 0.1
     optimizer: str = "adam"
     feedback_gradient: bool = True
@@ -58,9 +67,20 @@ class Plan:
     validate_every: int = 1
     select_best_by: str | None = None
     save_every: int | None = None
+    patience: int | None = None
+    least_improvement: float = 0.0
+    noise_at: Mapping[int, float] | None = None
 
     def __post_init__(self) -> None:
-        for name in ("epochs", "batch", "prefix", "horizon", "validate_every", "save_every"):
+        for name in (
+            "epochs",
+            "batch",
+            "prefix",
+            "horizon",
+            "validate_every",
+            "save_every",
+            "patience",
+        ):
             value = getattr(self, name)
             if value is not None and value < 1:
                 raise ConfigError(f"{name} is {value}; expected 1 or more")
@@ -70,12 +90,27 @@ class Plan:
             raise ConfigError(f"clip is {self.clip}; expected more than 0, or null for no clipping")
         if self.optimizer not in ("adam", "sgd"):
             raise ConfigError(f"optimizer {self.optimizer!r} is unknown; choose adam or sgd")
-        _ = self.rate  # checks itself
+        if not 0 <= self.least_improvement < 1:
+            raise ConfigError(
+                f"least_improvement is {self.least_improvement}; expected a share, 0 or more and "
+                "less than 1"
+            )
+        if self.least_improvement and self.patience is None:
+            raise ConfigError(
+                "least_improvement changes nothing without patience; set both, or leave it out"
+            )
+        _ = self.rate, self.noise  # check themselves
 
     @property
     def rate(self) -> LearningRate:
         """The learning rate of every update."""
-        return LearningRate(self.learning_rate, self.decay, self.decay_every)
+        at = None if self.decay_at is None else tuple(self.decay_at)
+        return LearningRate(self.learning_rate, self.decay, self.decay_every, at)
+
+    @property
+    def noise(self) -> NoiseLevels | None:
+        """The noise of every update, where it changes."""
+        return None if self.noise_at is None else NoiseLevels(dict(self.noise_at))
 
 
 @dataclass(frozen=True)

@@ -37,6 +37,10 @@ if TYPE_CHECKING:
     from posecast.training.module import TrainingModule
 
 
+_ENDINGS = ("patience", "least_improvement")
+"""Settings that decide when a run ends, not how it goes."""
+
+
 class FitResult(NamedTuple):
     """How a run ended.
 
@@ -130,9 +134,9 @@ def fit(
     keeper = Keeper(
         forecaster, plan, folder, settings=settings, begin=begin, validate=validate, save=save
     )
-    if begin is not None and begin.epoch == plan.epochs:
+    if begin is not None and (begin.epoch == plan.epochs or keeper.is_enough()):
         main = os.environ.get("RANK", "0") == "0"
-        return FitResult(folder, plan.epochs, begin.updates, {}, keeper.best, windows.skipped, main)
+        return FitResult(folder, begin.epoch, begin.updates, {}, keeper.best, windows.skipped, main)
     with _quiet_lightning(), _training_mode(forecaster):
         module = _module(forecaster, windows, plan, objective, feed, begin, keeper)
         trainer = _trainer(plan, machines or Machines(), folder, begin, loggers)
@@ -140,7 +144,7 @@ def fit(
         best = trainer.strategy.broadcast(keeper.best)
     return FitResult(
         folder,
-        plan.epochs,
+        module.epochs,
         module.updates,
         module.last,
         best,
@@ -160,7 +164,7 @@ def _settings(
     """What decides the outcome, as JSON would give it back."""
     numbers = asdict(plan)
     # More epochs may be asked for, and looking at a run more often does not change it.
-    for name in ("epochs", "validate_every", "select_best_by", "save_every"):
+    for name in ("epochs", "validate_every", "select_best_by", "save_every", *_ENDINGS):
         del numbers[name]
     training = [corpus.frames[index] for index in corpus.indices("train")]
     settings = {
@@ -233,8 +237,10 @@ def _module(
         clip=plan.clip,
         optimizer=plan.optimizer,
         feedback_gradient=plan.feedback_gradient,
+        noise=plan.noise,
         begin=begin,
         after_epoch=keeper.after_epoch,
+        is_enough=None if plan.patience is None else keeper.is_enough,
     )
 
 

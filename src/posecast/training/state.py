@@ -33,6 +33,7 @@ class TrainingState:
         best: the best validation so far, ``{"epoch": ..., "metrics": {...}}``; ``None``: none yet.
         weights: the forecaster's tensors by name.
         moments: the optimizer's tensors, named ``<parameter>/<entry>``.
+        waited: how long the run has waited for a better validation; ``None``: none yet.
     """
 
     epoch: int
@@ -41,6 +42,7 @@ class TrainingState:
     best: Mapping[str, Any] | None
     weights: Mapping[str, Tensor]
     moments: Mapping[str, Tensor]
+    waited: Mapping[str, float] | None = None
 
 
 def write_state(state: TrainingState, path: Path) -> None:
@@ -55,6 +57,7 @@ def write_state(state: TrainingState, path: Path) -> None:
         "updates": state.updates,
         "settings": dict(state.settings),
         "best": None if state.best is None else dict(state.best),
+        "waited": None if state.waited is None else dict(state.waited),
     }
     tensors = {f"weights/{name}": value for name, value in state.weights.items()}
     tensors |= {f"moments/{name}": value for name, value in state.moments.items()}
@@ -91,6 +94,7 @@ def read_state(path: Path) -> TrainingState:
             best=facts["best"],
             weights=_below("weights/", tensors),
             moments=_below("moments/", tensors),
+            waited=facts.get("waited"),
         )
     except (OSError, SafetensorError, KeyError, TypeError, ValueError) as error:
         raise DataError(
