@@ -73,6 +73,23 @@ def test_first_frames_are_uniform_over_all_that_fit(kind, corpus):
     assert sum((count - expected) ** 2 / expected for count in starts.values()) < 42.3
 
 
+def test_windows_stay_within_what_is_not_skipped(corpus):
+    windows = make(corpus, skip_start=5, skip_end=9, batch=100, sampling=RandomRecordings())
+    assert windows.skipped == 2  # of 11 and 12 frames nothing is left for a window
+    starts: dict[int, set[int]] = {}
+    for epoch in range(60):
+        for window in windows.windows(epoch):
+            starts.setdefault(window.clip, set()).add(window.start)
+    assert starts == {
+        clip: set(range(5, frames - 9 - LENGTH + 1)) for clip, frames in ((0, 40), (1, 30), (2, 55))
+    }
+
+
+def test_nothing_left_but_what_is_skipped_is_refused(corpus):
+    with pytest.raises(ConfigError, match="the longest of 5 has 5 beside the 50 that are skipped"):
+        make(corpus, skip_start=50)
+
+
 def test_recordings_are_drawn_in_proportion_to_their_length_or_alike(corpus):
     for weight, share in (("length", 55 / 137), ("equal", 1 / 4)):
         windows = make(corpus, sampling=RandomRecordings(4000, weight=weight))

@@ -71,6 +71,8 @@ def test_noise_grows_at_given_updates():
         ({"epochs": 0}, "epochs is 0"),
         ({"prefix": 0}, "prefix is 0"),
         ({"save_every": 0}, "save_every is 0"),
+        ({"skip_start": -1}, "skip_start is -1"),
+        ({"skip_end": -1}, "skip_end is -1"),
         ({"learning_rate": 0.0}, "learning rate 0.0"),
         ({"decay": 1.5}, "decay 1.5"),
         ({"decay_every": 0}, "every 0 updates"),

@@ -35,6 +35,9 @@ class Plan:
         feedback_gradient: whether predictions that are fed back pass gradients on.
         turn: turn each window about the vertical by a random angle.
         mirror: exchange left and right in half of the windows.
+        skip_start: frames at the start of every recording that are in no window, such as the first
+            16 of Martinez et al. 2017, or those in which somebody stands and waits.
+        skip_end: the same at its end.
         validate_every: epochs between validations; there is one after the last epoch, too.
         select_best_by: validation metric to keep the best checkpoint by, the lower the better;
             ``None``: the first one.
@@ -64,6 +67,8 @@ class Plan:
     feedback_gradient: bool = True
     turn: bool = False
     mirror: bool = False
+    skip_start: int = 0
+    skip_end: int = 0
     validate_every: int = 1
     select_best_by: str | None = None
     save_every: int | None = None
@@ -84,6 +89,9 @@ class Plan:
             value = getattr(self, name)
             if value is not None and value < 1:
                 raise ConfigError(f"{name} is {value}; expected 1 or more")
+        for name in ("skip_start", "skip_end"):
+            if getattr(self, name) < 0:
+                raise ConfigError(f"{name} is {getattr(self, name)}; expected 0 frames or more")
         if not 0 <= self.seed < 2**63:
             raise ConfigError(f"seed is {self.seed}; expected 0 to 2**63 - 1")
         if self.clip is not None and not self.clip > 0:

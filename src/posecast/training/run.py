@@ -127,6 +127,8 @@ def fit(
         sampling=sampling,
         turn=plan.turn,
         mirror=plan.mirror,
+        skip_start=plan.skip_start,
+        skip_end=plan.skip_end,
         dtype=next(forecaster.parameters()).dtype,
     )
     settings = _settings(plan, objective, feed, sampling, corpus, origin or {})

@@ -135,6 +135,8 @@ class Windows:
         sampling: which recordings an epoch sees; the first frame of each window is uniform.
         turn: turn each window about the vertical by an angle uniform in (-2 pi, 2 pi).
         mirror: exchange left and right in every second window, by chance.
+        skip_start: frames at the start of every recording that are in no window.
+        skip_end: the same at its end.
         split: name of the split to read; never the one that is tested on.
         dtype: of the windows.
 
@@ -153,18 +155,23 @@ class Windows:
         sampling: Sampling | None = None,
         turn: bool = False,
         mirror: bool = False,
+        skip_start: int = 0,
+        skip_end: int = 0,
         split: str = "train",
         dtype: torch.dtype = torch.float32,
     ) -> None:
         if length < 1 or batch < 1:
             raise ConfigError(f"windows of {length} frames in batches of {batch}: expected >= 1")
-        lengths = {index: corpus.frames[index] for index in corpus.indices(split)}
+        skipped = skip_start + skip_end
+        lengths = {index: corpus.frames[index] - skipped for index in corpus.indices(split)}
         kept = {index: frames for index, frames in lengths.items() if frames >= length}
         if not kept:
             raise ConfigError(
                 f"no recording of split {split!r} of {corpus.name} has the {length} frames of one "
                 f"training window; the longest of {len(lengths)} has "
-                f"{max(lengths.values(), default=0)}: shorten prefix + horizon"
+                f"{max(lengths.values(), default=0)}"
+                + (f" beside the {skipped} that are skipped" if skipped else "")
+                + ": shorten prefix + horizon"
             )
         if mirror and not corpus.skeleton.left_right_pairs:
             raise ConfigError(
@@ -174,6 +181,7 @@ class Windows:
         self.corpus, self.length, self.batch, self.seed = corpus, length, batch, seed
         self.sampling = sampling or EveryRecording()
         self.turn, self.mirror, self.dtype = turn, mirror, dtype
+        self.first = skip_start
         self.recordings = torch.tensor(list(kept))
         self.frames = torch.tensor(list(kept.values()))
         self.skipped = len(lengths) - len(kept)
@@ -191,7 +199,7 @@ class Windows:
             chosen = self.sampling.draw(self.frames, self.batch, generator)
             # In float64 the product cannot round up to the excluded end for any real recording.
             uniform = torch.rand(len(chosen), generator=generator, dtype=torch.float64)
-            starts = (uniform * (self.frames[chosen] - self.length + 1)).long()
+            starts = self.first + (uniform * (self.frames[chosen] - self.length + 1)).long()
             pairs = zip(self.recordings[chosen].tolist(), starts.tolist(), strict=True)
             self._drawn = epoch, [Window(clip, start) for clip, start in pairs]
         return self._drawn[1]
