@@ -47,12 +47,12 @@ FILES = sorted(path.stem for path in RECIPES.glob("*.yaml"))
 
 
 def test_the_recipes_are_all_here() -> None:
-    assert len(FILES) == 23
+    assert len(FILES) == 41
     # Every one but the one that is small itself has a small form.
     assert sorted(list_recipes()) == sorted(
         {*FILES, *(f"{name}-small" for name in FILES if not name.endswith("-small"))}
     )
-    assert len(list_recipes()) == 44
+    assert len(list_recipes()) == 80
 
 
 @pytest.mark.parametrize("name", list_recipes())
@@ -172,6 +172,71 @@ def test_published_systems_have_the_published_size() -> None:
     assert count_parameters(load_recipe("quaternet-vel")) == 9_526_128
     assert count_parameters(load_recipe("quaternet-abs")) == 9_526_128
     assert count_parameters(load_recipe("quaternet-vel-tf")) == 9_526_128
+
+
+# Aksan et al. 2019: printed in the configurations that came with its code, or derived from them.
+AKSAN = {
+    "amass-rnn": 6_395_527,
+    "amass-rnn-pjl": 6_395_527,
+    "amass-rnn-spl": 6_295_303,
+    "amass-rnn-spl-sparse": 6_281_479,
+    "amass-rnn-spl-indep": 6_274_567,
+    "amass-rnn-spl-random": 6_295_303,
+    "amass-seq2seq": 4_428_845,
+    "amass-seq2seq-sampling": 4_428_845,
+    "amass-seq2seq-dropout-pjl": 4_428_845,
+    "amass-seq2seq-spl": 5_376_557,
+    "amass-seq2seq-sampling-spl": 5_376_557,
+    "amass-seq2seq-dropout-spl": 5_376_557,
+    "amass-quaternet": 10_212_620,
+    "amass-quaternet-spl": 11_129_804,
+}
+
+
+@pytest.mark.parametrize(("name", "parameters"), AKSAN.items())
+def test_systems_of_aksan_et_al_have_the_size_of_their_configurations(
+    name: str, parameters: int
+) -> None:
+    assert count_parameters(load_recipe(name)) == parameters
+
+
+def test_the_amass_recipes_differ_in_what_they_compare_only() -> None:
+    for base, others in (
+        ("amass-rnn", ("pjl", "spl", "spl-sparse", "spl-indep", "spl-random", "spl-reverse")),
+        ("amass-seq2seq", ("pjl", "spl", "sampling", "sampling-spl", "dropout", "dropout-spl")),
+        ("amass-quaternet", ("spl",)),
+    ):
+        whole = load_recipe(base)
+        for name in others:
+            recipe = load_recipe(f"{base}-{name}")
+            assert recipe.plan == whole.plan
+            for section in ("fps", "corpus", "representation", "codec", "protocol"):
+                assert recipe.config[section] == whole.config[section]
+            assert recipe.config["model"]["backbone"] == whole.config["model"]["backbone"]
+            assert (recipe.feed != whole.feed) == name.startswith("sampling")
+            assert (recipe.config["model"].get("input_dropout", 0)) == (
+                0.1 if "dropout" in name or base == "amass-rnn" else 0
+            )
+            structured = recipe.config["model"]["head"]["kind"] == "structured"
+            assert structured == ("spl" in name)
+            if base != "amass-quaternet":
+                per_joint = name.endswith("pjl") or structured
+                terms = {"per_joint": 1.0} if per_joint else {"features": 1.0}
+                assert recipe.objective.terms == terms
+
+
+def test_the_schedule_of_aksan_et_al() -> None:
+    rnn, seq2seq, quaternet = (
+        load_recipe(f"amass-{name}").plan for name in ("rnn", "seq2seq", "quaternet")
+    )
+    assert (rnn.prefix + rnn.horizon, seq2seq.prefix, seq2seq.horizon) == (144, 120, 24)
+    assert rnn.rate.at(epoch=99, update=2999) == pytest.approx(0.001 * 0.98**2)
+    assert seq2seq.rate.at(epoch=99, update=2999) == pytest.approx(0.001 * 0.95**2)
+    assert quaternet.rate.at(epoch=2, update=2999) == pytest.approx(0.001 * 0.96**2)
+    for plan in (rnn, seq2seq, quaternet):
+        assert (plan.batch, plan.epochs, plan.patience, plan.least_improvement) == (
+            *(64, 500, 40, 0.01),
+        )
 
 
 def test_the_paper_recipes_have_every_constant_of_the_papers() -> None:
@@ -365,6 +430,13 @@ def _shrunk(name: str) -> Recipe:
         overrides += ["model.residual=add", "model.still_start=true", "model.backbone.layers=1"]
         overrides += ["training.horizon=10", "training.prefix=5", "training.turn=false"]
         overrides += ["training.clip=1.0"]
+    if name.startswith("amass-"):
+        overrides += ["codec.joints=null", "training.patience=null"]
+        overrides += ["training.least_improvement=0", "training.decay_every=null"]
+        if recipe.config["model"].get("projection") is not None:
+            overrides.append("model.projection=24")
+        if recipe.config["model"]["head"].get("hidden") is not None:
+            overrides.append("model.head.hidden=24")
     if "decay" in recipe.config["training"]["feed"]:
         overrides.append("training.feed.decay=0.6")
     return load_recipe(name, overrides)

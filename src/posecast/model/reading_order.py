@@ -127,8 +127,8 @@ def _parents(
             f"tree: {tree!r} is not known; choose {_listed(get_args(Tree))}, or give the parent "
             "of every joint by name"
         )
-    generator = torch.Generator().manual_seed(tree_seed)
-    sits_at = torch.randperm(len(skeleton), generator=generator).tolist()
+    generator = torch.Generator("cpu").manual_seed(tree_seed)
+    sits_at = torch.randperm(len(skeleton), generator=generator, device="cpu").tolist()
     who = [sits_at.index(place) for place in range(len(skeleton))]
     above = (skeleton.parents[sits_at[joint]] for joint in range(len(skeleton)))
     return tuple(-1 if parent == -1 else who[parent] for parent in above)
