@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from posecast.config import did_you_mean
-from posecast.corpora import amass, bandai, bodies, cmu, folder, h36m, synthetic
+from posecast.corpora import amass, amass_first, bandai, bodies, cmu, folder, h36m, synthetic
 from posecast.errors import ConfigError
 from posecast.motion import Corpus
 
@@ -19,6 +19,7 @@ CORPORA: dict[str, Callable[..., Corpus]] = {
     "bandai-locomotion": bandai.bandai_locomotion,
     "h36m": h36m.h36m,
     "amass": amass.amass,
+    "amass-first": amass_first.amass_first,
     "bodies": bodies.bodies,
     "folder": folder.folder,
 }

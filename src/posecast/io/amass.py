@@ -77,7 +77,7 @@ def read_amass(
         offsets, pelvis = rotations.new_zeros(JOINTS, 3), rotations.new_zeros(3)
         labels["offsets"] = "unknown"
     else:
-        offsets, pelvis = _rest_offsets(template)
+        offsets, pelvis = rest_offsets(template)
     if "trans" in arrays:
         translations = torch.from_numpy(_floats(path, "trans", arrays["trans"], (frames, 3)))
     else:
@@ -154,7 +154,7 @@ def _rate(path: str | PathLike[str], arrays: Mapping[str, np.ndarray]) -> float:
     )
 
 
-def _rest_offsets(template: str | PathLike[str] | Tensor) -> tuple[Tensor, Tensor]:
+def rest_offsets(template: str | PathLike[str] | Tensor) -> tuple[Tensor, Tensor]:
     """Offsets of the 22 joints and the pelvis at rest, metres."""
     where = "template" if isinstance(template, Tensor) else template
     if isinstance(template, Tensor):

@@ -47,6 +47,7 @@ CORPUS_SKELETONS: Mapping[str, Callable[[], Skeleton]] = {
     "synthetic": lambda: SKELETON,
     "cmu-asf": lambda: named_skeleton("cmu-31").skeleton,
     "amass": lambda: named_skeleton("smpl-22").skeleton,
+    "amass-first": lambda: named_skeleton("smpl-22").skeleton,
 }
 """Skeletons of corpora that are known before any file is read."""
 
