@@ -12,6 +12,7 @@ import torch
 from benchmarks import (
     bvh,
     dual_quaternions,
+    head,
     kinematics,
     representations,
     rollout,
@@ -24,6 +25,7 @@ BENCHMARKS: dict[str, Callable[[], list[dict[str, object]]]] = {
     "kinematics": kinematics.run,
     "dual_quaternions": dual_quaternions.run,
     "representations": representations.run,
+    "head": head.run,
     "bvh": bvh.run,
     "training_step": training_step.run,
     "sampling": sampling.run,
