@@ -87,6 +87,16 @@ def test_auto_conditioning_takes_turns_of_any_length_and_draws_nothing(true, own
     assert feed.share(0) == feed.share(9) == sum(turn) / len(turn)
 
 
+def test_its_own_run_may_grow_as_training_goes_on(generator):
+    feed = AutoConditioning(2, 1, grow_every=3)
+    assert [feed.own(epoch) for epoch in (0, 2, 3, 5, 6, 30)] == [1, 1, 2, 2, 3, 11]
+    turn = [True, True, False, False, False]
+    assert feed.mask(12, 7, generator).tolist() == (3 * turn)[:12]
+    assert feed.share(7) == 2 / 5
+    with pytest.raises(ConfigError, match="grows every 0 epochs: expected 1 or more"):
+        AutoConditioning(2, 1, grow_every=0)
+
+
 @pytest.mark.parametrize(("true", "own"), [(0, 5), (5, -1)])
 def test_a_pattern_without_true_frames_is_refused(true, own):
     with pytest.raises(ConfigError, match=f"with {true} true and {own} own frames"):

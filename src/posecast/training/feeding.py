@@ -98,15 +98,18 @@ class AutoConditioning:
     Args:
         true_frames: how many in a row are read from the truth, 5 as published.
         own_frames: how many in a row are the model's own, 5 as published.
+        grow_every: epochs after which its own run is one frame longer, again and again, so that it
+            is led ever farther; ``None``: the pattern stays, as published.
 
     Raises:
-        ConfigError: no true frames, or fewer than no own ones.
+        ConfigError: no true frames, fewer than no own ones, or no epoch to grow after.
 
     Source: Zhou et al. 2018, section 3.
     """
 
     true_frames: int = 5
     own_frames: int = 5
+    grow_every: int | None = None
 
     def __post_init__(self) -> None:
         if self.true_frames < 1 or self.own_frames < 0:
@@ -114,14 +117,22 @@ class AutoConditioning:
                 f"auto-conditioning with {self.true_frames} true and {self.own_frames} own frames: "
                 "expected 1 or more true ones, 0 or more own ones"
             )
+        if self.grow_every is not None and self.grow_every < 1:
+            raise ConfigError(
+                f"auto-conditioning that grows every {self.grow_every} epochs: expected 1 or more"
+            )
+
+    def own(self, epoch: int) -> int:
+        """How many frames in a row are the model's own in an epoch."""
+        return self.own_frames + (0 if self.grow_every is None else epoch // self.grow_every)
 
     def share(self, epoch: int) -> float:
-        """Share of true frames in a whole turn of the pattern, whatever the epoch."""
-        return self.true_frames / (self.true_frames + self.own_frames)
+        """Share of true frames in a whole turn of the pattern."""
+        return self.true_frames / (self.true_frames + self.own(epoch))
 
     def mask(self, horizon: int, epoch: int, generator: torch.Generator) -> Bool[Tensor, "horizon"]:
         """The pattern; the last frame of the prefix is the first of the true ones."""
-        place = torch.arange(horizon) % (self.true_frames + self.own_frames)
+        place = torch.arange(horizon) % (self.true_frames + self.own(epoch))
         return place < self.true_frames
 
 
