@@ -47,12 +47,12 @@ FILES = sorted(path.stem for path in RECIPES.glob("*.yaml"))
 
 
 def test_the_recipes_are_all_here() -> None:
-    assert len(FILES) == 41
+    assert len(FILES) == 51
     # Every one but the one that is small itself has a small form.
     assert sorted(list_recipes()) == sorted(
         {*FILES, *(f"{name}-small" for name in FILES if not name.endswith("-small"))}
     )
-    assert len(list_recipes()) == 80
+    assert len(list_recipes()) == 100
 
 
 @pytest.mark.parametrize("name", list_recipes())
@@ -63,11 +63,14 @@ def test_a_recipe_says_what_it_is(name: str) -> None:
         assert len(recipe.config[text]) > 10
     small = name.endswith("-small")
     assert ("small" in recipe.config["summary"]) == small
-    assert recipe.config["model"]["backbone"]["hidden"] == (256 if small else _paper_size(recipe))
+    backbone = recipe.config["model"]["backbone"]
+    units = backbone[_units(recipe)]
+    assert units == (256 if small else {"gru": 1000}.get(backbone["kind"], 1024))
 
 
-def _paper_size(recipe: Recipe) -> int:
-    return {"gru": 1000, "lstm": 1024}[recipe.config["model"]["backbone"]["kind"]]
+def _units(recipe: Recipe) -> str:
+    """What the size of the backbone is called."""
+    return "channels" if "channels" in recipe.config["model"]["backbone"] else "hidden"
 
 
 @pytest.mark.parametrize("name", FILES)
@@ -172,6 +175,9 @@ def test_published_systems_have_the_published_size() -> None:
     assert count_parameters(load_recipe("quaternet-vel")) == 9_526_128
     assert count_parameters(load_recipe("quaternet-abs")) == 9_526_128
     assert count_parameters(load_recipe("quaternet-vel-tf")) == 9_526_128
+    # Five layers of two frames: 128 to 1024, three times 1024 to 1024, 1024 to 128.
+    for variant in ("abs", "vel", "vel-tf"):
+        assert count_parameters(load_recipe(f"quaternet-cnn-{variant}")) == 6_819_968
 
 
 # Aksan et al. 2019: printed in the configurations that came with its code, or derived from them.
@@ -190,6 +196,8 @@ AKSAN = {
     "amass-seq2seq-dropout-spl": 5_376_557,
     "amass-quaternet": 10_212_620,
     "amass-quaternet-spl": 11_129_804,
+    "h36m-rnn": 5_149_501,
+    "h36m-rnn-spl": 5_385_277,
 }
 
 
@@ -205,6 +213,7 @@ def test_the_amass_recipes_differ_in_what_they_compare_only() -> None:
         ("amass-rnn", ("pjl", "spl", "spl-sparse", "spl-indep", "spl-random", "spl-reverse")),
         ("amass-seq2seq", ("pjl", "spl", "sampling", "sampling-spl", "dropout", "dropout-spl")),
         ("amass-quaternet", ("spl",)),
+        ("h36m-rnn", ("pjl", "spl", "spl-indep", "spl-random", "spl-reverse")),
     ):
         whole = load_recipe(base)
         for name in others:
@@ -215,7 +224,7 @@ def test_the_amass_recipes_differ_in_what_they_compare_only() -> None:
             assert recipe.config["model"]["backbone"] == whole.config["model"]["backbone"]
             assert (recipe.feed != whole.feed) == name.startswith("sampling")
             assert (recipe.config["model"].get("input_dropout", 0)) == (
-                0.1 if "dropout" in name or base == "amass-rnn" else 0
+                0.1 if "dropout" in name or base.endswith("-rnn") else 0
             )
             structured = recipe.config["model"]["head"]["kind"] == "structured"
             assert structured == ("spl" in name)
@@ -412,7 +421,6 @@ def _shrunk(name: str) -> Recipe:
     """The recipe with few units, quick decays and the protocol for any corpus; the same code."""
     sampling = "{kind: random_recordings, steps_per_epoch: 15}"
     overrides = [
-        "model.backbone.hidden=32",
         "training.prefix=10",
         "training.epochs=12",
         "training.validate_every=12",
@@ -425,14 +433,17 @@ def _shrunk(name: str) -> Recipe:
         "fps=25",
     ]
     recipe = load_recipe(name)
+    overrides.append(f"model.backbone.{_units(recipe)}=32")
     if recipe.config["model"]["backbone"]["kind"] == "lstm":
         # As in the small forms: without a residual it takes long to learn to repeat a pose.
         overrides += ["model.residual=add", "model.still_start=true", "model.backbone.layers=1"]
         overrides += ["training.horizon=10", "training.prefix=5", "training.turn=false"]
         overrides += ["training.clip=1.0"]
-    if name.startswith("amass-"):
+    if name.startswith(("amass-", "h36m-")):
         overrides += ["codec.joints=null", "training.patience=null"]
         overrides += ["training.least_improvement=0", "training.decay_every=null"]
+        if recipe.config["training"]["prefix"] == 1:
+            overrides += ["training.prefix=5", "training.horizon=10"]
         if recipe.config["model"].get("projection") is not None:
             overrides.append("model.projection=24")
         if recipe.config["model"]["head"].get("hidden") is not None:

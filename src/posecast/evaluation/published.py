@@ -42,6 +42,16 @@ PRINTED_NAMES: Mapping[str, tuple[str, ...]] = {
         "QuaterNet short-term, quaternions",
     ),
     "quaternet-vel-tf": ("QuaterNet vel. TF",),
+    "quaternet-cnn-abs": ("QuaterNet CNN abs.",),
+    "quaternet-cnn-vel": ("QuaterNet CNN vel.",),
+    "quaternet-cnn-vel-tf": ("QuaterNet CNN vel. TF",),
+    "h36m-quaternet-spl": ("QuaterNet-SPL",),
+    "h36m-rnn": ("RNN", "RNN-mean"),
+    "h36m-rnn-pjl": ("RNN-PJL",),
+    "h36m-rnn-spl": ("RNN-SPL",),
+    "h36m-rnn-spl-indep": ("RNN-SPL-indep.",),
+    "h36m-rnn-spl-random": ("RNN-SPL-random",),
+    "h36m-rnn-spl-reverse": ("RNN-SPL-reverse",),
     "quaternet-dual-quaternion": ("QuaterNet short-term, dual quaternions",),
     # The acRNN systems of sca2022, Table 1, are not named: its recordings are probably those of
     # another subject than the ones at hand, so its numbers must not stand beside ours.
