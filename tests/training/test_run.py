@@ -340,7 +340,7 @@ def test_noise_is_set_before_every_update(tiny, tmp_path):
     seen = []
     forecaster.register_forward_pre_hook(lambda *_: seen.append(forecaster.input_noise))
     found = tiny.train(
-        tmp_path, epochs=4, forecaster=forecaster, noise_at={2: 0.25, 3: 0.5}, validate_every=4
+        tmp_path, epochs=4, forecaster=forecaster, noise_at=[[2, 0.25], [3, 0.5]], validate_every=4
     )
     per_epoch = found.updates // 4
     by_update = {0: 0.0, 1: 0.0, 2: 0.25, 3: 0.5}

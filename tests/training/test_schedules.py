@@ -50,7 +50,7 @@ def test_the_learning_rate_decays_before_given_updates():
 
 
 def test_noise_grows_at_given_updates():
-    noise = Plan(noise_at={250: 0.01, 500: 0.05}).noise
+    noise = Plan(noise_at=[[250, 0.01], [500, 0.05]]).noise
     assert [noise.at(update) for update in (0, 249, 250, 499, 500, 9999)] == [
         *(0, 0, 0.01, 0.01, 0.05, 0.05)
     ]
@@ -63,8 +63,9 @@ def test_noise_grows_at_given_updates():
         ({"decay_at": []}, r"at updates \[\]: expected at least one"),
         ({"decay_at": [500, 200]}, "expected at least one, 0 or more, ascending"),
         ({"decay_at": [500], "decay_every": 10}, "choose one"),
-        ({"noise_at": {500: 0.1, 200: 0.2}}, r"noise changes at updates \[500, 200\]"),
-        ({"noise_at": {500: -0.1}}, "expected standard deviations"),
+        ({"noise_at": [[500, 0.1], [200, 0.2]]}, r"noise changes at updates \[500, 200\]"),
+        ({"noise_at": [[500, -0.1]]}, "expected standard deviations"),
+        ({"noise_at": [[500]]}, "expected pairs of updates"),
         ({"patience": 0}, "patience is 0"),
         ({"patience": 3, "least_improvement": 1.0}, "least_improvement is 1.0"),
         ({"least_improvement": 0.01}, "changes nothing without patience"),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib.util
 import os
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -46,8 +45,8 @@ class Plan:
             ``None``: it never does.
         least_improvement: share of the value to beat by which a validation must be lower to count;
             every lower one is kept as the best.
-        noise_at: for numbers of updates the standard deviation of the noise on the inputs from
-            there on (``Forecaster.input_noise``); ``None``: it stays what it is.
+        noise_at: pairs of a number of updates and the standard deviation of the noise on the inputs
+            from there on (``Forecaster.input_noise``); ``None``: it stays what it is.
 
     Raises:
         ConfigError: a number out of its range.
@@ -74,7 +73,7 @@ class Plan:
     save_every: int | None = None
     patience: int | None = None
     least_improvement: float = 0.0
-    noise_at: Mapping[int, float] | None = None
+    noise_at: list[list[float]] | None = None
 
     def __post_init__(self) -> None:
         for name in (
@@ -118,7 +117,13 @@ class Plan:
     @property
     def noise(self) -> NoiseLevels | None:
         """The noise of every update, where it changes."""
-        return None if self.noise_at is None else NoiseLevels(dict(self.noise_at))
+        if self.noise_at is None:
+            return None
+        if any(len(pair) != 2 for pair in self.noise_at):
+            raise ConfigError(
+                f"noise_at is {self.noise_at}; expected pairs of updates and a standard deviation"
+            )
+        return NoiseLevels(tuple((int(update), level) for update, level in self.noise_at))
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -73,29 +73,24 @@ class NoiseLevels:
     """Noise on the inputs that grows as training goes on (Fragkiadaki et al. 2015).
 
     Args:
-        levels: for numbers of updates the standard deviation from there on; 0 before the first.
+        levels: pairs of a number of updates and the standard deviation from there on; 0 before the
+            first.
 
     Raises:
         ConfigError: no level, updates out of order, or a negative deviation.
     """
 
-    levels: Mapping[int, float]
+    levels: tuple[tuple[int, float], ...]
 
     def __post_init__(self) -> None:
-        _check_points(tuple(self.levels), "noise changes")
-        if not all(0 <= level < math.inf for level in self.levels.values()):
-            raise ConfigError(
-                f"noise levels {list(self.levels.values())}: expected standard deviations, 0 or "
-                "more"
-            )
+        _check_points([update for update, _ in self.levels], "noise changes")
+        found = [level for _, level in self.levels]
+        if not all(0 <= level < math.inf for level in found):
+            raise ConfigError(f"noise levels {found}: expected standard deviations, 0 or more")
 
     def at(self, update: int) -> float:
         """The standard deviation for an update, counted from 0."""
-        return next((level for point, level in self._newest_first if update >= point), 0.0)
-
-    @property
-    def _newest_first(self) -> list[tuple[int, float]]:
-        return list(self.levels.items())[::-1]
+        return next((level for point, level in reversed(self.levels) if update >= point), 0.0)
 
 
 def _check_points(points: Sequence[int], what: str) -> None:
