@@ -86,7 +86,7 @@ def compare_systems(
     with progress_bar(f"reading {kind}") as advance:
         data = first.build_corpus(root, progress=advance)
     chosen.windows(data)
-    contestants = [_contest(runs, data, chosen, out, progress=progress) for runs in recipes]
+    contestants = [contest(runs, data, chosen, out, progress=progress) for runs in recipes]
     say("scoring the baselines")
     baselines = baseline_scores(chosen, data)
     text = to_markdown(contestants, baselines, data)
@@ -122,7 +122,7 @@ def _terms(recipe: Recipe) -> dict[str, Any]:
     return {**shared, **training}
 
 
-def _contest(
+def contest(
     recipes: Sequence[Recipe], corpus: Corpus, protocol: Protocol, out: Path, *, progress: bool
 ) -> Contestant:
     """Train and score all seeds of one recipe."""

@@ -46,6 +46,10 @@ def register(app: typer.Typer) -> None:
         epilog="Example: posecast compare acrnn-quaternion-small acrnn-dual-quaternion-small "
         "--corpus synthetic --seeds 1 training.epochs=2 --out compared"
     )(compare)
+    app.command(
+        epilog="Example: posecast reproduce iccv2019-6 --small --seeds 1 --root h36m=data/h36m "
+        "--rows RNN-SPL --out reproduced"
+    )(reproduce)
     app.command(epilog="Example: posecast endure runs/small/best --frames 3000 --out endurance")(
         endure
     )
@@ -218,6 +222,56 @@ def compare(
         root=root,
         protocol=protocol,
         seeds=seeds,
+        progress=not quiet,
+    )
+    typer.echo(text)
+    say(f"everything is under {out}/")
+
+
+def reproduce(
+    table: Annotated[
+        str | None, typer.Argument(help="A table, such as ijcv2019-2; none: list all of them.")
+    ] = None,
+    overrides: Overrides = None,
+    out: Annotated[Path, typer.Option("--out", help="Folder of the runs and the report.")] = Path(
+        "reproduced"
+    ),
+    rows: Annotated[
+        list[str] | None,
+        typer.Option("--rows", help="A row, by the paper's name or ours; may be repeated. All."),
+    ] = None,
+    root: Annotated[
+        list[str] | None,
+        typer.Option("--root", help="KIND=DIR, folder of a corpus; may be repeated."),
+    ] = None,
+    corpus: CorpusOption = None,
+    seeds: Annotated[int, typer.Option("--seeds", help="Runs of each recipe.")] = 3,
+    small: Annotated[
+        bool, typer.Option("--small", help="The small forms of the recipes, for two CPU cores.")
+    ] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", help="No progress.")] = False,
+) -> None:
+    """Train and score what a published table needs, and print its numbers beside ours.
+
+    What is trained already in OUT is not trained again, so the same command goes on. Rows whose
+    recordings are not there, and rows without a recipe, are named.
+    """
+    from posecast.cli.reproducing import list_tables, parse_roots, reproduce_table
+    from posecast.training.plan import require_lightning
+
+    if table is None:
+        typer.echo(list_tables())
+        return
+    require_lightning()
+    text = reproduce_table(
+        table,
+        rows or (),
+        overrides or (),
+        out,
+        roots=parse_roots(root or ()),
+        corpus=corpus,
+        seeds=seeds,
+        small=small,
         progress=not quiet,
     )
     typer.echo(text)

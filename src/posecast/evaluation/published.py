@@ -74,6 +74,10 @@ PRINTED_NAMES: Mapping[str, tuple[str, ...]] = {
 # baselines the two are the same number; printed numbers stand beside both.
 _SAME_IN_PRINT = {"euler_all": "euler"}
 
+# Numbers of an early release of AMASS, which hold for no other: ``posecast reproduce`` prints them,
+# but they do not stand beside what somebody measures on today's.
+_NOT_BESIDE = frozenset({"amass-spl"})
+
 # The same windows with other horizons: what is printed for one holds for the other.
 _SAME_WINDOWS = {
     "h36m-standard": ("h36m-standard", "h36m-long"),
@@ -161,7 +165,7 @@ def find_published(
         complete: whether our average is over all the actions of the protocol; an average over
             fewer has no published counterpart.
     """
-    if action == AVERAGE and not complete:
+    if protocol in _NOT_BESIDE or (action == AVERAGE and not complete):
         return None
     names = PRINTED_NAMES.get(system, ())
     protocols = _SAME_WINDOWS.get(protocol, (protocol,))

@@ -1,0 +1,142 @@
+"""Which recipe reproduces which row of a published table."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+from posecast.config import did_you_mean
+from posecast.errors import ConfigError
+from posecast.evaluation.baselines import BASELINE_NAMES
+from posecast.evaluation.published import PRINTED_NAMES, PublishedTable, published_tables
+from posecast.evaluation.scores import Milliseconds
+
+_AMASS: Mapping[str, str] = {
+    "Zero-Velocity [20]": "zero-velocity",
+    "RNN": "amass-rnn",
+    "RNN-mean": "amass-rnn",
+    "RNN-PJL": "amass-rnn-pjl",
+    "RNN-SPL": "amass-rnn-spl",
+    "RNN-SPL-indep.": "amass-rnn-spl-indep",
+    "RNN-SPL-random": "amass-rnn-spl-random",
+    "RNN-SPL-reverse": "amass-rnn-spl-reverse",
+    "Seq2seq [20]*": "amass-seq2seq",
+    "Seq2seq-PJL": "amass-seq2seq-pjl",
+    "Seq2seq-SPL": "amass-seq2seq-spl",
+    "Seq2seq-sampling [20]*": "amass-seq2seq-sampling",
+    "Seq2seq-sampling-PJL": "amass-seq2seq-sampling-pjl",
+    "Seq2seq-sampling-SPL": "amass-seq2seq-sampling-spl",
+    "Seq2seq-dropout": "amass-seq2seq-dropout",
+    "Seq2seq-dropout-PJL": "amass-seq2seq-dropout-pjl",
+    "Seq2seq-dropout-SPL": "amass-seq2seq-dropout-spl",
+    "QuaterNet [25]*": "amass-quaternet",
+    "QuaterNet-SPL": "amass-quaternet-spl",
+}
+_ACRNN: Mapping[str, str] = {
+    "quaternions (MSE)": "acrnn-quaternion",
+    "quaternions-FK": "acrnn-quaternion-fk",
+    "quaternions-positions (MSE)": "acrnn-quaternion-positions",
+    "ortho6D (MSE)": "acrnn-ortho6d",
+    "ortho6D-positions (MSE)": "acrnn-ortho6d-positions",
+    "dual-quaternions (MSE)": "acrnn-dual-quaternion",
+    "dual-quaternions (all)": "acrnn-dual-quaternion-all",
+}
+_HUMAN36M: Mapping[str, str] = {
+    printed: ours for ours, names in PRINTED_NAMES.items() for printed in names
+}
+_BY_PROTOCOL: Mapping[str, Mapping[str, str]] = {"amass-spl": _AMASS, "cmu-acrnn": _ACRNN}
+
+
+class PrintedTable(NamedTuple):
+    """A table of a paper, as far as it is about one protocol.
+
+    Args:
+        name: paper and number, as ``ijcv2019-1``, and the protocol if the table has several.
+        parts: one for each metric, with the same systems.
+        rows: printed name of a system -> our recipe or baseline; ``None`` where we have none.
+    """
+
+    name: str
+    parts: tuple[PublishedTable, ...]
+    rows: Mapping[str, str | None]
+
+    @property
+    def protocol(self) -> str:
+        """Name of the protocol."""
+        return self.parts[0].protocol
+
+    @property
+    def horizons_ms(self) -> tuple[Milliseconds, ...]:
+        """Horizons of its columns, ascending."""
+        return tuple(sorted({horizon for part in self.parts for horizon in part.horizons_ms}))
+
+    @property
+    def title(self) -> str:
+        """Table, and authors, title and year of the paper."""
+        return f"{self.parts[0].source.split(', ')[1]} of {self.parts[0].title}"
+
+
+def printed_tables() -> dict[str, PrintedTable]:
+    """All tables that are known, by name."""
+    sources: dict[str, dict[str, list[PublishedTable]]] = {}
+    for part in published_tables():
+        name = part.source.replace(", Table ", "-")
+        sources.setdefault(name, {}).setdefault(part.protocol, []).append(part)
+    found = {
+        name if len(by_protocol) == 1 else f"{name}-{protocol}": parts
+        for name, by_protocol in sources.items()
+        for protocol, parts in by_protocol.items()
+    }
+    return {
+        name: PrintedTable(
+            name,
+            tuple(parts),
+            {system: _ours(part.protocol, system) for part in parts for system in part.systems},
+        )
+        for name, parts in found.items()
+    }
+
+
+def printed_table(name: str) -> PrintedTable:
+    """A table by name.
+
+    Raises:
+        ConfigError: there is none; the message lists those there are.
+    """
+    tables = printed_tables()
+    if name not in tables:
+        raise ConfigError(f"no table is called {name!r}; {did_you_mean(name, tables)}")
+    return tables[name]
+
+
+def choose_rows(table: PrintedTable, wanted: Sequence[str]) -> dict[str, str]:
+    """Rows by printed name or by ours -> our recipe or baseline; all that we have for none wanted.
+
+    Raises:
+        ConfigError: the table has no such row, or we have no system for it.
+    """
+    ours = {row: system for row, system in table.rows.items() if system is not None}
+    if not wanted:
+        return ours
+    chosen: dict[str, str] = {}
+    for each in wanted:
+        rows = [row for row, system in table.rows.items() if each in (row, system)]
+        if not rows:
+            known = {*table.rows, *ours.values()}
+            raise ConfigError(f"{table.name} has no row {each!r}; {did_you_mean(each, known)}")
+        if rows[0] not in ours:
+            raise ConfigError(
+                f"{table.name}: there is no recipe for row {each!r}; those there are: "
+                f"{', '.join(ours.values())}"
+            )
+        chosen |= {row: ours[row] for row in rows}
+    return chosen
+
+
+def is_baseline(system: str) -> bool:
+    """Whether a system needs no training."""
+    return system in BASELINE_NAMES
+
+
+def _ours(protocol: str, printed: str) -> str | None:
+    return _BY_PROTOCOL.get(protocol, _HUMAN36M).get(printed)
