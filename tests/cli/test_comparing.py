@@ -13,7 +13,9 @@ import torch
 from PIL import Image
 
 from posecast.cli.comparing import short_names
+from posecast.cli.enduring import _drift, _moving_at_the_end
 from posecast.cli.main import main
+from posecast.evaluation.freeze import Liveliness
 from posecast.system import load, save
 
 TINY = (
@@ -279,6 +281,32 @@ def test_rollouts_may_begin_in_another_split(
     assert stopped.value.code == 2
     assert "has no split 'dev'; it has" in capsys.readouterr().err
     assert not (tmp_path / "dev").exists()
+
+
+@pytest.mark.parametrize(
+    ("still", "blown", "count"),
+    [
+        ([*range(100)], [], 1),  # only the last minute counts
+        ([*range(100, 160)], [], 0),
+        ([*range(100, 130)], [], 0),  # in most seconds: half is not enough
+        ([*range(100, 129)], [], 1),
+        ([*range(100, 120)], [*range(120, 130)], 0),
+    ],
+)
+def test_who_moves_in_most_seconds_of_the_last_minute_moves_at_the_end(
+    still: list[int], blown: list[int], count: int
+) -> None:
+    marks = [torch.zeros(2, 160, dtype=torch.bool) for _ in range(2)]
+    for mark, seconds in zip(marks, (still, blown), strict=True):
+        mark[0, seconds] = True
+    marks[0][1] = True  # the other rollout is frozen throughout
+    found = Liveliness(*(torch.zeros(2, 160) for _ in range(3)), *marks)
+    assert _moving_at_the_end(found) == count
+
+
+def test_a_rollout_that_slides_away_is_said_to_drift() -> None:
+    moved = torch.tensor([[3.0, 9.0, 4.0], [0.0, 1.0, 0.0]])
+    assert _drift(moved, 10.0) == pytest.approx(0.25)
 
 
 def test_a_rollout_that_stands_still_does_not_move_at_the_end(

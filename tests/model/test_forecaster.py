@@ -183,6 +183,16 @@ def test_only_a_share_of_the_frames_gets_noise_if_asked(make_forecaster):
     assert noise[touched].std().item() == pytest.approx(0.25, abs=0.005)
 
 
+def test_the_residual_reads_what_was_there_without_noise(make_forecaster, features):
+    forecaster = make_forecaster(input_noise=0.5, residual="add")
+    with torch.no_grad():
+        for part in (forecaster.head, forecaster.root):
+            for weight in part.parameters():
+                weight.zero_()
+    found = read(forecaster, features, generator=torch.Generator().manual_seed(0)).features
+    torch.testing.assert_close(found, features)
+
+
 def test_noise_is_in_units_of_the_standardized_inputs(make_forecaster):
     wide = Codec(TWO, Quaternion(), statistics=Statistics(torch.zeros(8), 100 * torch.ones(8)))
     forecaster = make_forecaster(codec=wide, input_noise=0.25)

@@ -86,8 +86,12 @@ def test_windows_stay_within_what_is_not_skipped(corpus):
 
 
 def test_nothing_left_but_what_is_skipped_is_refused(corpus):
-    with pytest.raises(ConfigError, match="the longest of 5 has 5 beside the 50 that are skipped"):
+    with pytest.raises(
+        ConfigError, match=r"the longest of 5 has 5 beside the 50 .*: shorten .*, or skip fewer"
+    ):
         make(corpus, skip_start=50)
+    with pytest.raises(ConfigError, match="the longest of 5 has 0 beside the 100 that are skip"):
+        make(corpus, skip_end=100)
 
 
 def test_recordings_are_drawn_in_proportion_to_their_length_or_alike(corpus):

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import csv
 import json
+import statistics
 from collections import deque
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
 import torch
+from jaxtyping import Float
+from torch import Tensor
 
 from posecast.cli.scoring import check_skeleton, corpus_of
 from posecast.cli.terminal import progress_bar, say
@@ -24,7 +27,7 @@ from posecast.motion.corpus import Corpus
 from posecast.system import System, load
 
 PIECE = 300  # frames that are decoded and looked at together
-SHOWN_S = 4.0  # seconds at the end of the first rollout that are drawn
+SHOWN, SHOWN_S = 4, 4.0  # rollouts, and seconds at their ends, that are drawn
 
 
 def endure(
@@ -62,6 +65,7 @@ def endure(
     kept: deque[Motion] = deque(maxlen=3)
     scene = Scene(data.skeleton, data.fps, known)
     drift: list[float] = []
+    travelled: list[Tensor] = [known.root_positions[:, -1]]
     with progress_bar("frames") as advance:
 
         def pieces() -> Iterator[Motion]:
@@ -70,6 +74,7 @@ def endure(
                 done += piece.root_positions.shape[1]
                 advance(done, frames)
                 drift.append(float(bone_length_drift(piece, piece, scene).mean()))
+                travelled.append(piece.root_positions[:, -1])
                 kept.append(piece)
                 yield piece
 
@@ -88,6 +93,11 @@ def endure(
         "speed_ratio_last_minute": found.speed_ratio[:, -60:].mean().item(),
         "spectral_distance_first_minute_hz": found.spectral_distance[:, :60].mean().item(),
         "spectral_distance_last_minute_hz": found.spectral_distance[:, -60:].mean().item(),
+        "root_drift_mps": _drift(travelled[-1] - travelled[0], frames / data.fps),
+        "training_root_drift_mps": statistics.fmean(
+            _drift(clip.root_positions[-1:] - clip.root_positions[:1], clip.frames / clip.fps)
+            for clip in data.split("train")
+        ),
         "bone_length_error_first_mm": 1000 * drift[0],
         "bone_length_error_last_mm": 1000 * drift[-1],
     }
@@ -104,7 +114,8 @@ def _starts(system: System, data: Corpus, split: str, starts: int) -> Motion:
     windows = data.windows(split, prefix)
     if not len(windows):
         raise ConfigError(
-            f"no clip of split {split!r} of {data.name!r} has the {prefix} frames of a prefix"
+            f"no clip of split {split!r} of {data.name!r} has the {prefix} frames of a prefix; "
+            "begin in another one (--split)"
         )
     places = [round(k * (len(windows) - 1) / max(starts - 1, 1)) for k in range(starts)]
     return data.gather([windows[place] for place in sorted(set(places))], prefix)
@@ -125,6 +136,11 @@ def _roll_out(system: System, known: Motion, frames: int) -> Iterator[Motion]:
             )
             anchor = piece.root_positions[:, -1]
             yield piece
+
+
+def _drift(moved: Float[Tensor, "batch 3"], seconds: float) -> float:
+    """Mean net speed over the floor, metres per second; who comes back has none."""
+    return torch.linalg.vector_norm(moved[:, [0, 2]].double(), dim=-1).mean().item() / seconds
 
 
 def _moving_at_the_end(found: Liveliness) -> int:
@@ -154,7 +170,7 @@ def _draw(
     name: str,
     out: Path,
 ) -> None:
-    """Speed over time, and how the first rollout looks at its end."""
+    """Speed over time, and how the first rollouts look at their ends."""
     from posecast.viewer import draw
     from posecast.viewer.plots import lines
 
@@ -163,21 +179,23 @@ def _draw(
         f"rollout {number + 1}": list(zip(minutes, ratios.tolist(), strict=True))
         for number, ratios in enumerate(found.speed_ratio)
     }
-    for what, speed in (("frozen below", detector.slowest), ("blown above", detector.fastest)):
-        level = speed / detector.median
-        curves[what] = [(minutes[0], level), (minutes[-1], level)]
+    levels = {
+        "frozen below": detector.slowest / detector.median,
+        "blown above": detector.fastest / detector.median,
+    }
     lines(
         curves,
         out / "endurance.png",
         across="minutes",
         upright="speed of joints / the training set's median",
         title=f"{name}: {len(minutes)} seconds",
+        levels=levels,
     )
     end = Motion.join_frames([piece.rigid for piece in kept])
     if not all(torch.isfinite(part).all() for part in (end.rotations_local, end.root_positions)):
         say(f"{out / 'endurance.png'} written; the end is no motion any more and is not drawn")
         return
     shown = max(2, min(end.root_positions.shape[1], round(SHOWN_S * like.fps)))
-    clip = end.cut(-shown).clip(like, name=f"{name}, at the end")
-    draw([clip], out / "end.png")
+    clips = [one.clip(like, name=name) for one in end.cut(-shown).split(1)[:SHOWN]]
+    draw(clips, out / "end.png", titles=[f"rollout {number + 1}" for number in range(len(clips))])
     say(f"{out / 'endurance.png'} and {out / 'end.png'} written")

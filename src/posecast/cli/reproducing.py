@@ -209,7 +209,8 @@ def _to_markdown(
         markdown_rows(_costs(found, plans)),
     ]
     for part in table.parts:
-        blocks.append(_part(part, found) if same else "")
+        if same and part.metric in scores.metrics:
+            blocks.append(_part(part, found))
     if not same:
         blocks += [_own(metric, found) for metric in scores.metrics]
     notes = [f"No recipe: {row}." for row, system in table.rows.items() if system is None]

@@ -96,7 +96,12 @@ class Protocol:
         return Frames(prefix, horizons)
 
     def windows(self, corpus: Corpus, split: str = "test") -> Sampling:
-        """The windows on a corpus, grouped by action: the same on every machine."""
+        """The windows on a corpus, grouped by action: the same on every machine.
+
+        Raises:
+            ConfigError: the corpus does not fit the protocol.
+        """
+        self._check_thighs(corpus, split, self._counting(corpus).thigh)
         prefix, horizons = self.frames(corpus.fps)
         return self.sampling.sample(corpus, split, prefix + horizons[-1])
 
@@ -148,6 +153,19 @@ class Protocol:
                 for metric in self.metrics
             },
         )
+
+    def _check_thighs(self, corpus: Corpus, split: str, thigh: int | None) -> None:
+        """Refuse bodies without a thigh where that is the unit."""
+        asking = [metric for metric in self.metrics if "thigh" in METRICS[metric].asks]
+        if thigh is None or not asking:
+            return
+        for index in corpus.indices(split):
+            if not corpus.clips[index].offsets[thigh].any():
+                raise ConfigError(
+                    f"metrics {', '.join(asking)} are in thighs, but bones of corpus "
+                    f"{corpus.name!r} have no length; give a template of the body "
+                    "(corpus.template=FILE), or leave these metrics out (protocol.metrics)"
+                )
 
     def _counting(self, corpus: Corpus) -> Counting:
         """The joints that count, as indices of the corpus's skeleton."""

@@ -162,16 +162,17 @@ class Windows:
     ) -> None:
         if length < 1 or batch < 1:
             raise ConfigError(f"windows of {length} frames in batches of {batch}: expected >= 1")
-        skipped = skip_start + skip_end
-        lengths = {index: corpus.frames[index] - skipped for index in corpus.indices(split)}
+        edges = skip_start + skip_end
+        lengths = {index: corpus.frames[index] - edges for index in corpus.indices(split)}
         kept = {index: frames for index, frames in lengths.items() if frames >= length}
         if not kept:
             raise ConfigError(
                 f"no recording of split {split!r} of {corpus.name} has the {length} frames of one "
                 f"training window; the longest of {len(lengths)} has "
-                f"{max(lengths.values(), default=0)}"
-                + (f" beside the {skipped} that are skipped" if skipped else "")
+                f"{max(0, *lengths.values())}"
+                + (f" beside the {edges} that are skipped" if edges else "")
                 + ": shorten prefix + horizon"
+                + (", or skip fewer (skip_start, skip_end)" if edges else "")
             )
         if mirror and not corpus.skeleton.left_right_pairs:
             raise ConfigError(

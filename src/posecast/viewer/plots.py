@@ -119,6 +119,7 @@ def lines(
     across: str,
     upright: str,
     title: str,
+    levels: Mapping[str, float] | None = None,
 ) -> None:
     """Plot plain lines, as PNG.
 
@@ -128,6 +129,7 @@ def lines(
         across: what the axis below says, with its unit.
         upright: what the axis at the left says, with its unit.
         title: above the plot.
+        levels: name -> value that holds everywhere; drawn dashed, its name beside it.
 
     Raises:
         ConfigError: no curve, one without points, or matplotlib is missing.
@@ -135,8 +137,8 @@ def lines(
     """
     if not curves or not all(curves.values()):
         raise ConfigError("nothing to plot: give at least one curve, each with a point")
-    figure = new_figure(820, 480)
-    axes = figure.add_axes((0.09, 0.12, 0.88, 0.8))
+    figure = new_figure(940, 480)
+    axes = figure.add_axes((0.08, 0.12, 0.74, 0.8))
     for place, (name, points) in enumerate(curves.items()):
         places, values = zip(*points, strict=True)
         marker = _MARKERS[place % len(_MARKERS)] if len(points) <= 40 else None
@@ -148,12 +150,16 @@ def lines(
             marker=marker,
             markersize=4.5,
             linewidth=1.4,
+            linestyle=("-", ":", "-.")[place // len(_COLORS) % 3],
         )
+    for name, value in (levels or {}).items():
+        axes.axhline(value, color="#555555", linestyle="--", linewidth=1.0, zorder=1)
+        axes.annotate(name, (1.01, value), xycoords=("axes fraction", "data"), size=9, va="center")
     axes.set_xlabel(across)
     axes.set_ylabel(upright)
     axes.set_ylim(bottom=0)
     _tidy(axes)
-    axes.legend(frameon=False)
+    axes.legend(frameon=False, loc="upper left", bbox_to_anchor=(1.02, 0.9), fontsize=9)
     axes.set_title(title, size=11)
     save_png(figure, path)
 
