@@ -52,15 +52,15 @@ class Forecaster(nn.Module):
             al. 2018, section 3.1). Root channels add in both of the latter.
         input_dropout: share of the inputs set to zero in training; the residual reads them all.
         input_noise: standard deviation of the Gaussian noise added in training to what the backbone
-                reads, in units of the standardized inputs, or of the features where nothing is
+            reads, in units of the standardized inputs, or of the features where nothing is
             standardized; the residual reads them as they are. From poses that no recording has the
             network so learns to come back (Fragkiadaki et al. 2015, whose standard deviation grows
-        in training: see ``Plan.noise_at``).
-    input_noise_share: share of the frames, drawn for each sequence, that get noise.
-    projection: sizes of linear layers before the backbone, or of the only one, rectified
+            in training: see ``Plan.noise_at``).
+        input_noise_share: share of the frames, drawn for each sequence, that get noise.
+        projection: sizes of linear layers before the backbone, or of the only one, rectified
             units but for the last; ``None``: no such layer.
         projection_activation: what follows the last of them: nothing, or rectification.
-            still_start: begin training near zero velocity: the output layers start at the residual's
+        still_start: begin training near zero velocity: the output layers start at the residual's
             identity with small weights, so the first predictions repeat the last frame. No paper
             here does so; a network of any size saves the epochs in which it learns to stand still.
         controls: layers that prepare the controls of a frame for the backbone; ``None``: the
