@@ -54,6 +54,14 @@ def test_moving_pictures_play_at_true_speed(fps, gif, mp4):
     assert mp4_rate(fps) == mp4
 
 
+@pytest.mark.parametrize("truth", [True, False])
+def test_several_clips_of_one_kind_are_all_colored(truth, stand, tmp_path):
+    draw([stand(), stand()], tmp_path / "a.png", titles=["1", "2"], first_is_truth=truth)
+    with Image.open(tmp_path / "a.png") as picture:
+        upper = picture.convert("RGB").crop((0, 0, picture.width, picture.height // 2))
+    assert _has(upper, COLORS["forecast"]["left"]) != truth
+
+
 def test_truth_is_grey_and_the_forecast_is_colored_from_the_split_on(stand, tmp_path):
     draw([stand(), stand()], tmp_path / "a.gif", titles=["truth", "forecast"], split_frame=10)
     with Image.open(tmp_path / "a.gif") as picture:

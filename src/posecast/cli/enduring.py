@@ -197,5 +197,6 @@ def _draw(
         return
     shown = max(2, min(end.root_positions.shape[1], round(SHOWN_S * like.fps)))
     clips = [one.clip(like, name=name) for one in end.cut(-shown).split(1)[:SHOWN]]
-    draw(clips, out / "end.png", titles=[f"rollout {number + 1}" for number in range(len(clips))])
+    titles = [f"rollout {number + 1}" for number in range(len(clips))]
+    draw(clips, out / "end.png", titles=titles, first_is_truth=False)
     say(f"{out / 'endurance.png'} and {out / 'end.png'} written")

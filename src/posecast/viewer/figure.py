@@ -54,6 +54,7 @@ def draw(
     *,
     titles: Sequence[str] | None = None,
     split_frame: int | None = None,
+    first_is_truth: bool = True,
     camera: Camera = "auto",
     stills: int = 8,
     progress: Progress | None = None,
@@ -70,6 +71,7 @@ def draw(
         path: the file; its extension says which kind of picture.
         titles: one a clip; their names by default.
         split_frame: the first forecast frame, counted at the first clip's rate.
+        first_is_truth: false for several clips of one kind, all of which are colored.
         camera: ``fixed``; ``follow`` moves along with each body over the floor; ``auto`` follows
             a body that travels far, and every body in a strip.
         stills: how many poses a strip shows, evenly in time.
@@ -90,7 +92,8 @@ def draw(
         split = split_frame / clips[0].fps
         # They share a past, so they share a floor: a forecast that sinks is seen to sink.
         figures = [replace(figure, floor=figures[0].floor) for figure in figures]
-    stage = Stage(figures, look(facing(clips[0]) + _AZIMUTH, _ELEVATION), names, split)
+    truths = 1 if first_is_truth and len(clips) > 1 else 0
+    stage = Stage(figures, look(facing(clips[0]) + _AZIMUTH, _ELEVATION), names, split, truths)
     _WRITERS[target.suffix.lower()](stage, target, stills, progress or _ignore)
 
 
@@ -106,24 +109,30 @@ class Stage:
         view: the camera.
         titles: one a clip.
         split: seconds at which the forecast begins; ``None``: there is no such time.
+        truths: how many of the first are true throughout, and grey.
     """
 
     def __init__(
-        self, figures: Sequence[Figure], view: View, titles: Sequence[str], split: float | None
+        self,
+        figures: Sequence[Figure],
+        view: View,
+        titles: Sequence[str],
+        split: float | None,
+        truths: int = 0,
     ) -> None:
         self.figures = tuple(figures)
         self.view = view
         self.titles = tuple(titles)
         self.split = split
+        self.truths = truths
         self.bounds = _widened(frame_bounds(figures, view))
         self.duration = max(figure.duration for figure in figures)
         self.reach = float(np.hypot(self.bounds.width, self.bounds.height))
 
     def palette(self, index: int, time: float) -> Mapping[str, str]:
         """Colors of a clip at a time."""
-        truth = len(self.figures) > 1 and index == 0
         known = self.split is not None and time < self.split - 1e-6
-        return COLORS["truth" if truth or known else "forecast"]
+        return COLORS["truth" if index < self.truths or known else "forecast"]
 
     def clock(self, time: float) -> str:
         """The time in milliseconds, from the split if there is one."""
