@@ -1,0 +1,163 @@
+"""Published tables: what is listed, trained, printed side by side, and refused."""
+
+from __future__ import annotations
+
+import json
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from posecast.cli.main import main
+from posecast.evaluation.reproduced import choose_rows, printed_table, printed_tables
+from posecast.recipe import list_recipes
+
+TINY = (
+    *("model.backbone.hidden=8", "model.projection=6", "training.epochs=2", "training.batch=2"),
+    *("training.validate_every=1", "training.horizon=20", "training.select_best_by=null"),
+    "training.sampling={kind: random_recordings, steps_per_epoch: 2}",
+    "protocol.metrics=[joint_angle_sum,euler_inverse_sum]",
+)
+
+
+def run(*arguments: object) -> int:
+    try:
+        main([str(argument) for argument in arguments])
+    except SystemExit as stop:
+        return int(stop.code or 0)
+    return 0
+
+
+@pytest.fixture(scope="module")
+def recordings(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Four recordings of the first release of AMASS, swinging, and the lists."""
+    root = tmp_path_factory.mktemp("amass")
+    seconds = np.arange(200) / 60
+    for number in range(4):
+        turns = 0.5 * np.sin(3 * seconds[:, None, None] + np.arange(45).reshape(15, 3) + number)
+        matrices = Rotation.from_rotvec(turns.reshape(-1, 3)).as_matrix().reshape(200, 135)
+        (root / f"{number}.pkl").write_bytes(pickle.dumps({"poses": matrices}))
+    for name, members in (("training", "01"), ("validation", "2"), ("test", "3")):
+        (root / f"{name}_fnames.txt").write_text("\n".join(members))
+    return root
+
+
+@pytest.fixture(scope="module")
+def reproduced(recordings: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two rows and a baseline of a table, two seeds each."""
+    out = tmp_path_factory.mktemp("reproduced")
+    assert _reproduce(recordings, out) == 0
+    return out
+
+
+def _reproduce(recordings: Path, out: Path, *more: object) -> int:
+    return run(
+        *("reproduce", "iccv2019-2", *TINY, "--rows", "RNN", "--rows", "amass-rnn-spl"),
+        *("--rows", "Zero-Velocity [20]", "--corpus", "amass-first", "--small", "--seeds", "2"),
+        *("--root", f"amass-first={recordings}", "--out", out, "--quiet", *more),
+    )
+
+
+def test_the_papers_numbers_stand_above_ours(reproduced: Path) -> None:
+    text = (reproduced / "iccv2019-2.md").read_text("utf-8")
+    assert text.startswith("# iccv2019-2: Table 2 of Aksan, Kaufmann, Hilliges")
+    assert "| all | RNN | paper | 0.31 | 1.05 | 2.17 | 3.62 |" in text
+    assert "| all | RNN-SPL | paper | 0.22 | 0.73 | 1.51 | 2.51 |" in text
+    assert "| all | Zero-Velocity [20] | paper | 0.37 | 1.22 | 2.44 | 3.94 |" in text
+    content = json.loads((reproduced / "iccv2019-2.json").read_text("utf-8"))
+    by_row = {row["row"]: row for row in content["rows"]}
+    assert set(by_row) == {"RNN", "RNN-SPL", "Zero-Velocity [20]"}
+    values = [
+        next(
+            row["value"]
+            for row in seed
+            if (row["action"], row["metric"], row["horizon_ms"]) == ("all", "joint_angle_sum", 400)
+        )
+        for seed in by_row["RNN-SPL"]["seeds"]
+    ]
+    assert len(set(values)) == 2
+    mean, spread = np.mean(values), np.std(values, ddof=1)
+    line = [line for line in text.splitlines() if "| amass-rnn-spl-small | ours |" in line][-1]
+    assert line.endswith(f"{mean:.3f} ± {spread:.3f} |")
+    assert by_row["RNN"]["paper"]["joint_angle_sum"] == {"all": [0.31, 1.05, 2.17, 3.62]}
+    # What was not measured is not printed, nor what there is no recipe for left unsaid.
+    assert "pck_auc" not in text
+    assert "| RNN-SPL | amass-rnn-spl-small |" in text
+
+
+def test_what_is_trained_is_not_trained_again(reproduced: Path, recordings: Path) -> None:
+    log = reproduced / "amass-rnn-small" / "0" / "log.csv"
+    before = log.read_text()
+    assert _reproduce(recordings, reproduced) == 0
+    assert log.read_text() == before
+
+
+def test_all_tables_are_listed_with_what_stands_for_their_rows(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert run("reproduce") == 0
+    text = capsys.readouterr().out
+    assert "ijcv2019-2 (h36m-128): Table 2 of Pavllo" in text
+    assert "  RNN-SPL-reverse: amass-rnn-spl-reverse" in text
+    assert "  SRNN [14]: no recipe" in text
+    assert "iccv2019-3-h36m-standard" in text
+    assert "iccv2019-3-amass-spl" in text
+
+
+def test_every_system_of_a_table_is_a_recipe_or_a_baseline() -> None:
+    known = {*list_recipes(), "zero-velocity", "running-average-2", "running-average-4"}
+    for table in printed_tables().values():
+        assert {system for system in table.rows.values() if system is not None} <= known
+    rows = choose_rows(printed_table("sca2022-1"), ["dual-quaternions (all)"])
+    assert rows == {"dual-quaternions (all)": "acrnn-dual-quaternion-all"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("iccv2019-22",), "no table is called 'iccv2019-22'; did you mean 'iccv2019-2'"),
+        (("iccv2019-2", "--rows", "RNN-SLP"), "iccv2019-2 has no row 'RNN-SLP'; did you mean"),
+        (("iccv2019-1", "--rows", "AGED [33]"), "there is no recipe for row 'AGED [33]'"),
+        (("iccv2019-2",), "no row has its data; give --root amass=DIR"),
+        (("iccv2019-2", "--root", "amass"), "expected KIND=DIR with a corpus among"),
+        (("iccv2019-2", "--root", "amass=nowhere"), "nowhere is not a folder"),
+        (("iccv2019-2", "--seeds", "0"), "--seeds 0: expected 1 or more"),
+        (("iccv2019-2", "training.seed=3"), "tell the runs apart; leave them out"),
+    ],
+)
+def test_what_cannot_be_reproduced_is_said_before_anything_is_read(
+    arguments: tuple[str, ...], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run("reproduce", *arguments, "--out", tmp_path / "out") == 2
+    assert message in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_bodies_without_bones_are_refused_where_thighs_are_the_unit(
+    recordings: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code = run(
+        *("reproduce", "iccv2019-2", *TINY[:-1], "--rows", "RNN", "--corpus", "amass-first"),
+        *("--small", "--root", f"amass-first={recordings}", "--out", tmp_path / "out"),
+    )
+    assert code == 2
+    assert "position_thighs_sum, pck_auc are in thighs, but bones" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_another_protocol_is_said_to_be_another(
+    recordings: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    other = "protocol={kind: short-term, metrics: [joint_angle_mean], horizons_ms: [100, 400]}"
+    code = run(
+        *("reproduce", "iccv2019-2", *TINY[:-1], other, "--rows", "RNN", "--seeds", "1"),
+        *("--corpus", "amass-first", "--small", "--root", f"amass-first={recordings}"),
+        *("--out", tmp_path / "out", "--quiet"),
+    )
+    assert code == 0
+    text = capsys.readouterr().out
+    assert "The paper's protocol is amass-spl: its numbers are of other data" in text
+    assert "| paper |" not in text
+    assert "| amass-rnn-small |" in text
