@@ -8,7 +8,7 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from posecast.errors import ConfigError
-from posecast.evaluation import METRICS
+from posecast.evaluation import METRICS, build_protocol, keypoint_curve
 from posecast.evaluation.metric import Scene
 from posecast.evaluation.until_metrics import (
     THRESHOLDS,
@@ -17,6 +17,7 @@ from posecast.evaluation.until_metrics import (
     thresholds_until,
 )
 from posecast.geometry import quaternion
+from posecast.model import ZeroVelocity
 from posecast.motion.clip import Motion
 from posecast.skeleton import Skeleton
 from posecast.skeleton.catalog import named_skeleton
@@ -135,3 +136,26 @@ def test_the_left_knee_is_found_by_its_name(names, knee):
 def test_a_body_without_a_knee_says_what_to_do():
     with pytest.raises(ConfigError, match="no joint is called like one among hips, tail"):
         left_thigh(Skeleton(("hips", "tail"), (-1, 0)))
+
+
+def test_the_curve_is_the_share_of_joints_within_each_threshold(make_h36m):
+    corpus = make_h36m(("walking", "eating"))
+    protocol = build_protocol(
+        "short-term",
+        stride=40,
+        metrics=["pck_auc"],
+        horizons_ms=[80, 400],
+        joints=["Head", "Spine"],
+    )
+    curve = keypoint_curve(ZeroVelocity(), protocol, corpus, horizon_ms=400)
+    assert [threshold for threshold, _ in curve] == list(THRESHOLDS)
+    shares = [share for _, share in curve]
+    assert shares == sorted(shares)
+    assert 0 < shares[-1] <= 1
+    # The area under it, over all thresholds up to 10 frames' last, is the metric.
+    limits = thresholds_until(10)
+    area = np.trapezoid(shares[: len(limits)], limits) / (limits[-1] - limits[0])
+    every = protocol.score(ZeroVelocity(), corpus)
+    assert every.value("pck_auc", 400) == pytest.approx(area)
+    with pytest.raises(ConfigError, match="160 ms is no horizon of protocol 'short-term'"):
+        keypoint_curve(ZeroVelocity(), protocol, corpus, horizon_ms=160)

@@ -14,7 +14,15 @@ from posecast.cli.comparing import contest
 from posecast.cli.terminal import progress_bar, say
 from posecast.corpora import CORPORA
 from posecast.errors import ConfigError
-from posecast.evaluation import METRICS, Protocol, Scores, build_protocol, make_baseline
+from posecast.evaluation import (
+    METRICS,
+    Predictor,
+    Protocol,
+    Scores,
+    build_protocol,
+    keypoint_curve,
+    make_baseline,
+)
 from posecast.evaluation.published import PublishedTable
 from posecast.evaluation.report import markdown_rows
 from posecast.evaluation.reproduced import (
@@ -39,6 +47,7 @@ class Found:
         printed: name of the row in the paper.
         system: name of our recipe or baseline.
         runs: scores, one a seed.
+        predictor: the system, with the first seed.
         parameters: trained values; ``None`` for baselines.
         seconds: of training, one a seed.
     """
@@ -46,6 +55,7 @@ class Found:
     printed: str
     system: str
     runs: tuple[Scores, ...]
+    predictor: Predictor
     parameters: int | None = None
     seconds: tuple[float, ...] = ()
 
@@ -72,6 +82,8 @@ def reproduce_table(
     progress: bool = True,
 ) -> str:
     """Train and score what a table needs; write ``TABLE.md`` and ``TABLE.json`` into ``out``.
+
+    With ``TABLE.png``, a curve of correct joints a system, where positions are in thighs.
 
     It may be stopped at any moment; the same call goes on. Runs are in ``out/RECIPE/SEED``.
 
@@ -128,7 +140,8 @@ def reproduce_table(
             corpus_read, protocol = data[_key(first)], _protocol(table, first)
             baseline = make_baseline(system, corpus_read)
             scores = protocol.score(baseline, corpus_read, system=system)
-            found.insert(0, Found(row, system, (scores,)))
+            found.insert(0, Found(row, system, (scores,), baseline))
+    _draw(found, _protocol(table, first), data[_key(first)], out / f"{name}.png")
     text = _to_markdown(table, found, absent, ready, data)
     _write(out / f"{name}.md", text)
     _write(out / f"{name}.json", json.dumps(_to_json(table, found), indent=1) + "\n")
@@ -180,7 +193,12 @@ def _train(
     corpus = data[_key(runs[0])]
     done: Contestant = contest(runs, corpus, _protocol(table, runs[0]), out, progress=progress)
     return Found(
-        row, runs[0].name, done.report.runs, done.cost.parameters, tuple(done.cost.seconds)
+        row,
+        runs[0].name,
+        done.report.runs,
+        done.runs[0].predictor,
+        done.cost.parameters,
+        tuple(done.cost.seconds),
     )
 
 
@@ -345,6 +363,26 @@ def parse_roots(given: Sequence[str]) -> dict[str, Path]:
             raise ConfigError(f"--root {each}: {folder} is not a folder")
         roots[kind] = Path(folder)
     return roots
+
+
+def _draw(found: Sequence[Found], protocol: Protocol, corpus: Corpus, path: Path) -> None:
+    """How many joints are within which distance until the last horizon, where thighs are known."""
+    if not any("thigh" in METRICS[metric].asks for metric in protocol.metrics):
+        return
+    from posecast.viewer.plots import lines
+
+    until = protocol.horizons_ms[-1]
+    lines(
+        {
+            each.system: keypoint_curve(each.predictor, protocol, corpus, horizon_ms=until)
+            for each in found
+        },
+        path,
+        across="threshold (thighs)",
+        upright="share of joints within it (PCK)",
+        title=f"Correct joints until {until:g} ms, {protocol.name} on {corpus.name}",
+    )
+    say(f"{path} written")
 
 
 def _write(path: Path, text: str) -> None:

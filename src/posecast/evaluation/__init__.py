@@ -3,6 +3,7 @@
 from posecast.evaluation.baselines import BASELINE_NAMES, BASELINES, make_baseline
 from posecast.evaluation.bootstrap import bootstrap
 from posecast.evaluation.freeze import FreezeDetector, Liveliness
+from posecast.evaluation.keypoints import keypoint_curve
 from posecast.evaluation.metric import FrameMetric, Metric, Scene
 from posecast.evaluation.metrics import METRICS
 from posecast.evaluation.motion_metrics import joint_jitter
@@ -37,6 +38,7 @@ __all__ = [
     "evaluate",
     "find_published",
     "joint_jitter",
+    "keypoint_curve",
     "make_baseline",
     "npss",
     "published_tables",

@@ -101,7 +101,7 @@ class Protocol:
         Raises:
             ConfigError: the corpus does not fit the protocol.
         """
-        self._check_thighs(corpus, split, self._counting(corpus).thigh)
+        self._check_thighs(corpus, split, self.counting(corpus).thigh)
         prefix, horizons = self.frames(corpus.fps)
         return self.sampling.sample(corpus, split, prefix + horizons[-1])
 
@@ -127,7 +127,7 @@ class Protocol:
         """
         if len(corpus.skeleton) < 2:
             raise ConfigError(f"corpus {corpus.name!r} has no joint below the root to measure")
-        counting = self._counting(corpus)
+        counting = self.counting(corpus)
         sampling, frames = self.windows(corpus, split), self.frames(corpus.fps)
         values = measure(
             predictor,
@@ -167,8 +167,12 @@ class Protocol:
                     "(corpus.template=FILE), or leave these metrics out (protocol.metrics)"
                 )
 
-    def _counting(self, corpus: Corpus) -> Counting:
-        """The joints that count, as indices of the corpus's skeleton."""
+    def counting(self, corpus: Corpus) -> Counting:
+        """The joints that count, and the thigh, as indices of the corpus's skeleton.
+
+        Raises:
+            ConfigError: the corpus has not all of them.
+        """
         names = corpus.skeleton.names
         wanted = (*(self.joints or ()), *(() if self.thigh is None else (self.thigh,)))
         absent = [name for name in wanted if name not in names]
