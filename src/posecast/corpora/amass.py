@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from pathlib import Path
 
-from posecast.corpora.loading import Cache, Progress, check_root, find, load, prepare
+from posecast.corpora.loading import Cache, Loaded, Progress, check_root, find, load, prepare
 from posecast.corpora.splitting import Globs, choose_splits, split_clips
 from posecast.errors import DataError
 from posecast.io.amass import is_amass, read_amass
@@ -75,16 +75,11 @@ def amass(
         rule="Split by subset: see posecast.corpora.amass.SUBSETS.",
     )
     used = {name: file for name, file in files.items() if name in chosen}
-    read = partial(
-        _read,
-        root=str(top),
-        fps=60.0 if fps is None else float(fps),
-        template=None if template is None else str(template),
-    )
-    loaded = load(
-        list(used.values()),
-        read,
-        also=[] if template is None else [Path(template)],
+    loaded = load_bodies(
+        used.values(),
+        partial(_read, root=str(top)),
+        fps=fps,
+        template=template,
         cache=cache,
         progress=progress,
         workers=workers,
@@ -95,6 +90,37 @@ def amass(
     clips = loaded.clips
     by_split = split_clips(clips, lambda clip: chosen[clip.labels["file"]])
     return Corpus("amass", clips, by_split, notes=tuple(notes))
+
+
+def load_bodies(
+    files: Iterable[Path],
+    read: Callable[..., tuple[Clip, ...]],
+    *,
+    fps: float | int | None,
+    template: Path | str | None,
+    cache: Cache,
+    progress: Progress | None,
+    workers: int,
+) -> Loaded:
+    """Read recordings of SMPL bodies, at 60 frames per second unless told otherwise.
+
+    Args:
+        files: in their order.
+        read: reads one; it is given ``fps`` and ``template``, too.
+        fps, template, cache, progress, workers: see ``amass``.
+    """
+    return load(
+        list(files),
+        partial(
+            read,
+            fps=60.0 if fps is None else float(fps),
+            template=None if template is None else str(template),
+        ),
+        also=[] if template is None else [Path(template)],
+        cache=cache,
+        progress=progress,
+        workers=workers,
+    )
 
 
 def motions(folder: Path) -> dict[str, Path]:

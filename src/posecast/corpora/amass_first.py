@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
-from posecast.corpora.loading import Cache, Progress, check_root, find, load, prepare
+from posecast.corpora.amass import load_bodies
+from posecast.corpora.loading import Cache, Progress, check_root, find, prepare
 from posecast.corpora.splitting import split_clips
 from posecast.errors import DataError
 from posecast.io.amass_first import read_amass_first
@@ -59,16 +60,11 @@ def amass_first(
         raise DataError(root, "no motion of the first release of AMASS is there: expected .pkl")
     chosen = _split(files, top if lists is None else check_root(lists))
     used = {name: files[name] for name in files if name in chosen}
-    read = partial(
-        _read,
-        root=str(top),
-        fps=60.0 if fps is None else float(fps),
-        template=None if template is None else str(template),
-    )
-    loaded = load(
-        list(used.values()),
-        read,
-        also=[] if template is None else [Path(template)],
+    loaded = load_bodies(
+        used.values(),
+        partial(_read, root=str(top)),
+        fps=fps,
+        template=template,
         cache=cache,
         progress=progress,
         workers=workers,
