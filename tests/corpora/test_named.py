@@ -32,6 +32,7 @@ def test_every_corpus_can_be_asked_for_by_name() -> None:
         "bandai-locomotion",
         "h36m",
         "amass",
+        "amass-first",
         "bodies",
         "folder",
     )

@@ -267,7 +267,7 @@ def test_the_windows_of_amass_spl_are_three_seconds_whatever_the_horizon(make_h3
     corpus = make_h36m(("walking",))
     frames = corpus.clips[0].frames
     long = replace(
-        build_protocol("amass-spl", horizons_ms=[80, 400]),
+        build_protocol("amass-spl", horizons_ms=[80, 400], joints=None),
         fps=25.0,
         sampling=Grid(50, None, least=75),
     )
