@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 # Distinguishable without color vision: the order is that of lightness too (Wong 2011).
 _COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")
+_UPON, _LETTER = 690, 8  # pixels: of the plot across, of a letter beside it
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 
 
@@ -137,8 +138,10 @@ def lines(
     """
     if not curves or not all(curves.values()):
         raise ConfigError("nothing to plot: give at least one curve, each with a point")
-    figure = new_figure(940, 480)
-    axes = figure.add_axes((0.08, 0.12, 0.74, 0.8))
+    beside = 60 + _LETTER * max(map(len, (*curves, *(levels or {}))))
+    width = 80 + _UPON + beside
+    figure = new_figure(width, 480)
+    axes = figure.add_axes((80 / width, 0.12, _UPON / width, 0.8))
     for place, (name, points) in enumerate(curves.items()):
         places, values = zip(*points, strict=True)
         marker = _MARKERS[place % len(_MARKERS)] if len(points) <= 40 else None
