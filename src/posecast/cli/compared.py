@@ -60,7 +60,7 @@ def to_markdown(
             [
                 each.recipe.name,
                 f"{each.cost.parameters:,}",
-                _spread(each.cost.seconds),
+                spread(each.cost.seconds),
                 f"{each.cost.step_ms:.0f}",
             ]
             for each in contestants
@@ -102,7 +102,7 @@ def to_json(contestants: Sequence[Contestant], baselines: Sequence[Scores]) -> d
     }
 
 
-def _spread(values: Sequence[float]) -> str:
-    """Mean and sample standard deviation."""
-    text = f"{statistics.fmean(values):.0f}"
-    return text if len(values) < 2 else f"{text} ± {statistics.stdev(values):.0f}"
+def spread(values: Sequence[float], digits: int = 0) -> str:
+    """Mean and, of several values, sample standard deviation."""
+    text = f"{statistics.fmean(values):.{digits}f}"
+    return text if len(values) < 2 else f"{text} ± {statistics.stdev(values):.{digits}f}"

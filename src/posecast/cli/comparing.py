@@ -90,8 +90,8 @@ def compare_systems(
     say("scoring the baselines")
     baselines = baseline_scores(chosen, data)
     text = to_markdown(contestants, baselines, data)
-    _write(out / "comparison.md", text)
-    _write(out / "comparison.json", json.dumps(to_json(contestants, baselines), indent=1) + "\n")
+    write(out / "comparison.md", text)
+    write(out / "comparison.json", json.dumps(to_json(contestants, baselines), indent=1) + "\n")
     _draw(contestants, data, chosen, out)
     return text
 
@@ -228,6 +228,7 @@ def _shared(lists: Sequence[Sequence[str]]) -> int:
     return min(map(len, lists))
 
 
-def _write(path: Path, text: str) -> None:
+def write(path: Path, text: str) -> None:
+    """Write a text file whole, or leave the one that was there."""
     with atomic_write(path) as temporary:
         temporary.write_text(text, encoding="utf-8")

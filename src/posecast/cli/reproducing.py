@@ -9,12 +9,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from posecast.cli.compared import Contestant
-from posecast.cli.comparing import contest
+from posecast.cli.compared import Contestant, spread
+from posecast.cli.comparing import contest, write
 from posecast.cli.terminal import progress_bar, say
 from posecast.corpora import CORPORA
 from posecast.errors import ConfigError
 from posecast.evaluation import (
+    BASELINE_NAMES,
     METRICS,
     Predictor,
     Protocol,
@@ -28,12 +29,10 @@ from posecast.evaluation.report import markdown_rows
 from posecast.evaluation.reproduced import (
     PrintedTable,
     choose_rows,
-    is_baseline,
     printed_table,
     printed_tables,
 )
 from posecast.evaluation.scores import AVERAGE
-from posecast.io.atomic import atomic_write
 from posecast.motion.corpus import Corpus
 from posecast.recipe import Recipe, load_recipe
 from posecast.recipe.files import SMALL
@@ -121,7 +120,7 @@ def reproduce_table(
             for seed in range(seeds)
         ]
         for row, system in rows.items()
-        if not is_baseline(system)
+        if system not in BASELINE_NAMES
     }
     ready = {row: runs for row, runs in recipes.items() if _has_data(runs[0], roots)}
     absent = {row: _kind(runs[0]) for row, runs in recipes.items() if row not in ready}
@@ -136,15 +135,15 @@ def reproduce_table(
     found = [_train(row, runs, table, data, out, progress) for row, runs in ready.items()]
     first = next(iter(ready.values()))[0]
     for row, system in rows.items():
-        if is_baseline(system):
+        if system in BASELINE_NAMES:
             corpus_read, protocol = data[_key(first)], _protocol(table, first)
             baseline = make_baseline(system, corpus_read)
             scores = protocol.score(baseline, corpus_read, system=system)
             found.insert(0, Found(row, system, (scores,), baseline))
     _draw(found, _protocol(table, first), data[_key(first)], out / f"{name}.png")
     text = _to_markdown(table, found, absent, ready, data)
-    _write(out / f"{name}.md", text)
-    _write(out / f"{name}.json", json.dumps(_to_json(table, found), indent=1) + "\n")
+    write(out / f"{name}.md", text)
+    write(out / f"{name}.json", json.dumps(_to_json(table, found), indent=1) + "\n")
     return text
 
 
@@ -256,7 +255,7 @@ def _costs(found: Sequence[Found], plans: Mapping[str, Any]) -> list[list[str]]:
                     f"{each.parameters:,}",
                     str(plans[each.system].epochs),
                     str(len(each.runs)),
-                    _spread(each.seconds, 0),
+                    spread(each.seconds),
                 ]
             )
     return rows
@@ -279,7 +278,7 @@ def _part(part: PublishedTable, found: Sequence[Found]) -> str:
             digits = metric.digits
             if paper is not None:
                 rows.append([label, each.printed, "paper", *(f"{v:g}" for v in paper)])
-            rows.append([label, each.system, "ours", *(_spread(v, digits) for v in own)])
+            rows.append([label, each.system, "ours", *(spread(v, digits) for v in own)])
     return f"**{metric.title} ({metric.unit})**: `{part.metric}`\n\n{markdown_rows(rows)}"
 
 
@@ -290,7 +289,7 @@ def _own(name: str, found: Sequence[Found]) -> str:
     rows = [["system", *columns], ["---", *["---:" for _ in columns]]]
     for each in found:
         values = _ours(each, name, AVERAGE, horizons)
-        rows.append([each.system, *(_spread(value, metric.digits) for value in values)])
+        rows.append([each.system, *(spread(value, metric.digits) for value in values)])
     return f"**{metric.title} ({metric.unit})**: `{name}`\n\n{markdown_rows(rows)}"
 
 
@@ -312,12 +311,6 @@ def _ours(
 ) -> list[tuple[float, ...]]:
     """For each horizon the values of all seeds."""
     return [tuple(run.value(metric, horizon, action) for run in found.runs) for horizon in horizons]
-
-
-def _spread(values: Sequence[float], digits: int) -> str:
-    """Mean and sample standard deviation."""
-    text = f"{statistics.fmean(values):.{digits}f}"
-    return text if len(values) < 2 else f"{text} ± {statistics.stdev(values):.{digits}f}"
 
 
 def _to_json(table: PrintedTable, found: Sequence[Found]) -> dict[str, Any]:
@@ -382,10 +375,4 @@ def _draw(found: Sequence[Found], protocol: Protocol, corpus: Corpus, path: Path
         upright="share of joints within it (PCK)",
         title=f"Correct joints until {until:g} ms, {protocol.name} on {corpus.name}",
     )
-    say(f"{path} written")
-
-
-def _write(path: Path, text: str) -> None:
-    with atomic_write(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
     say(f"{path} written")

@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 from posecast.config import did_you_mean
 from posecast.errors import ConfigError
-from posecast.evaluation.baselines import BASELINE_NAMES
 from posecast.evaluation.published import PRINTED_NAMES, PublishedTable, published_tables
 from posecast.evaluation.scores import Milliseconds
 
@@ -131,11 +130,6 @@ def choose_rows(table: PrintedTable, wanted: Sequence[str]) -> dict[str, str]:
             )
         chosen |= {row: ours[row] for row in rows}
     return chosen
-
-
-def is_baseline(system: str) -> bool:
-    """Whether a system needs no training."""
-    return system in BASELINE_NAMES
 
 
 def _ours(protocol: str, printed: str) -> str | None:
