@@ -16,7 +16,7 @@ _MOST_FRAMES = 100_000
 
 
 class ConvolutionalBackbone(nn.Module):
-    """Causal convolutions over frames ever farther apart (Pavllo et al. 2020, section 3.3).
+    """Causal convolutions over frames ever farther apart (Pavllo et al. 2020).
 
     Layer k reads ``widths[k]`` frames that are ``dilations[k]`` apart, the newest last; rectified
     units follow all layers but the last. Every other layer, the second first, adds to what it read

@@ -1,4 +1,4 @@
-"""The structured head: joint by joint along a tree (Aksan et al. 2019, section 3.2)."""
+"""The structured head: joint by joint along a tree (Aksan et al. 2019)."""
 
 from __future__ import annotations
 

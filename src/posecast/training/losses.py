@@ -124,7 +124,7 @@ def _per_joint(comparison: Comparison) -> Float[Tensor, ""]:
 
     The length of all numbers of a joint, not its square. Root channels do not count.
 
-    Source: Aksan et al. 2019, eq. 4, as their code has it (the text says mean squared error).
+    Source: Aksan et al. 2019, as their code has it (the text says mean squared error).
     """
     found, true = comparison.emitted, comparison.target
     if comparison.scale is not None:
@@ -136,7 +136,7 @@ def _per_joint(comparison: Comparison) -> Float[Tensor, ""]:
 
 
 def _geodesic(comparison: Comparison) -> Float[Tensor, ""]:
-    """Mean angle between local rotations, radians (Gui et al. 2018, section 3.2)."""
+    """Mean angle between local rotations, radians (Gui et al. 2018)."""
     return quaternion.angle(comparison.predicted_rotations, comparison.target_rotations).mean()
 
 
