@@ -12,7 +12,9 @@ from posecast.viewer.plots import lines
 WORDS = {"across": "minutes", "upright": "speed", "title": "a title"}
 
 
-@pytest.mark.parametrize("name", ["a", "mean-pose-of-all", "amass-seq2seq-sampling-dropout-spl-small"])
+@pytest.mark.parametrize(
+    "name", ["a", "mean-pose-of-all", "amass-seq2seq-sampling-dropout-spl-small"]
+)
 def test_the_longest_name_fits_beside_the_plot(name, tmp_path):
     curves = {name: [(0.0, 0.1), (1.0, 0.5)], "b": [(0.0, 0.2), (1.0, 0.9)]}
     lines(curves, tmp_path / "a.png", levels={"frozen below": 0.1}, **WORDS)
