@@ -166,6 +166,37 @@ def test_what_validation_could_not_do_is_said_before_training(
     assert not (tmp_path / "run").exists()
 
 
+def test_a_clip_whose_action_the_network_is_not_told_is_refused_before_training(
+    recipe: Recipe, corpus: Corpus, tmp_path: Path
+) -> None:
+    changes = ["training.objective.terms.action=1", "codec.actions=[run, jog]"]
+    told = Recipe(merge(recipe.config, parse_overrides(changes)))
+    with pytest.raises(ConfigError, match="shows 'walk', which is not listed; known: jog, run"):
+        train(told, corpus, tmp_path / "run", progress=False)
+    bare = replace(corpus, clips=[replace(clip, labels={}) for clip in corpus.clips])
+    with pytest.raises(ConfigError, match="says of no action, which is not listed"):
+        train(told, bare, tmp_path / "run", progress=False)
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_network_that_is_told_the_action_predicts_another_motion_for_another(
+    recipe: Recipe, corpus: Corpus, tmp_path: Path
+) -> None:
+    known = sorted({clip.labels["action"] for clip in corpus.clips})
+    changes = ["training.objective.terms.action=1", f"codec.actions=[{','.join(known)}]"]
+    train(Recipe(merge(recipe.config, parse_overrides(changes))), corpus, tmp_path, progress=False)
+    system = load(tmp_path / "best")
+    clip = corpus.clips[0]
+    found = [
+        system.forecast(replace(clip, labels={"action": action}), horizon_ms=400).rotations_local
+        for action in (known[0], known[0], known[1])
+    ]
+    assert torch.equal(found[0], found[1])
+    assert not torch.equal(found[0], found[2])
+    with pytest.raises(ConfigError, match="no action is given"):
+        system.forecast(replace(clip, labels={}), horizon_ms=400)
+
+
 def test_nothing_is_the_best_without_validation(
     recipe: Recipe, corpus: Corpus, tmp_path: Path
 ) -> None:

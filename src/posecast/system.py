@@ -173,6 +173,7 @@ def train(
             f"{corpus.fps:g}; build it at {recipe.fps:g}"
         )
     _check_validation(recipe, corpus)
+    _check_actions(recipe, corpus)
     codec = recipe.build_codec(corpus.skeleton, recipe.measure(corpus))
     with torch.random.fork_rng(devices=[]):
         torch.random.manual_seed(recipe.plan.seed)
@@ -269,6 +270,26 @@ def _check_validation(recipe: Recipe, corpus: Corpus) -> None:
             f"training.select_best_by: validation measures no {wanted!r}; "
             f"{did_you_mean(wanted, known)}"
         )
+
+
+def _check_actions(recipe: Recipe, corpus: Corpus) -> None:
+    """Refuse clips of which the network could not be told what is done in them.
+
+    Raises:
+        ConfigError: naming the first.
+    """
+    known = recipe.build_codec(corpus.skeleton).actions
+    if not known:
+        return
+    for index in (*corpus.splits["train"], *corpus.splits.get("validation", ())):
+        clip = corpus.clips[index]
+        action = clip.labels.get("action", "")
+        if action not in known:
+            raise ConfigError(
+                f"codec.actions: clip {clip.name!r} "
+                + (f"shows {action!r}" if action else "says of no action")
+                + f", which is not listed; {did_you_mean(action, known)}"
+            )
 
 
 def _summary(scores: Scores) -> dict[str, float]:

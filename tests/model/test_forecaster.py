@@ -299,3 +299,30 @@ def test_an_empty_batch_has_an_empty_forecast(hidden):
             3,
             forecaster.codec.feature_dim,
         )
+
+
+@pytest.mark.parametrize("residual", ["none", "add", "compose"])
+def test_actions_have_an_output_of_their_own_that_adds_where_there_is_a_residual(
+    residual, make_forecaster, motion
+):
+    codec = Codec(make_forecaster().codec.skeleton, Quaternion(), actions=("walk", "sit", "run"))
+    forecaster = make_forecaster(codec=codec, residual=residual)
+    features = codec.encode(motion._replace(actions=("run", "walk")))
+    context, _ = forecaster.backbone(features, forecaster.initial_state(2))
+    expected = forecaster.action(context)
+    if residual != "none":
+        expected = codec.split(features).action + expected
+    found = read(forecaster, features)
+    torch.testing.assert_close(codec.split(found.features).action, expected)
+    torch.testing.assert_close(codec.split(found.emitted).action, expected)
+    # Three more inputs of 21 gates, three more outputs of seven units with their biases.
+    plain = make_forecaster(codec=Codec(codec.skeleton, Quaternion()), residual=residual)
+    assert size(forecaster) - size(plain) == 3 * 21 + 3 * 8
+
+
+def test_a_still_start_repeats_the_action_too(make_forecaster, motion):
+    codec = Codec(make_forecaster().codec.skeleton, Quaternion(), actions=("walk", "sit"))
+    forecaster = make_forecaster(codec=codec, residual="add", still_start=True)
+    features = codec.encode(motion._replace(actions=("sit", "walk")))
+    change = codec.split(read(forecaster, features).features - features).action
+    assert 0 < change.abs().max() < 0.1

@@ -9,7 +9,8 @@ import pytest
 import torch
 
 from posecast.errors import DataError
-from posecast.motion import Clip
+from posecast.motion import Clip, Motion
+from posecast.training import augmentation
 
 
 @pytest.mark.parametrize("fps", [0.0, -30.0, float("nan"), float("inf")])
@@ -46,3 +47,21 @@ def test_a_cut_takes_the_tracks_along(make_clip: Callable[..., Clip]) -> None:
     assert piece.frames == 5
     assert piece.tracks["phase"].tolist() == [7, 8, 9, 10, 11]
     torch.testing.assert_close(piece.rotations_local, clip.rotations_local[7:12])
+
+
+def test_a_batch_keeps_what_is_done_in_each_motion(make_clip: Callable[..., Clip]) -> None:
+    clips = [
+        replace(make_clip(frames=9), labels={"action": action}) for action in ("walk", "sit", "run")
+    ]
+    batch = Motion.join([clip.motion() for clip in clips])
+    assert batch.actions == ("walk", "sit", "run")
+    assert batch.cut(3).actions == batch.map(torch.Tensor.double).actions == batch.actions
+    assert [piece.actions for piece in batch.split(2)] == [("walk", "sit"), ("run",)]
+    assert Motion.join_frames([batch, batch]).actions == batch.actions
+    assert batch.rigid.actions == batch.actions
+    turned = augmentation.turn(batch, torch.rand(3), clips[0].skeleton)
+    mirrored = augmentation.mirror(batch, torch.tensor([True, False, True]), clips[0].skeleton)
+    assert turned.actions == mirrored.actions == batch.actions
+    assert replace(clips[0], labels={}).motion().actions == ("",)
+    # What is not known of one is not known of the batch.
+    assert Motion.join([batch, batch._replace(actions=None)]).actions is None

@@ -47,12 +47,12 @@ FILES = sorted(path.stem for path in RECIPES.glob("*.yaml"))
 
 
 def test_the_recipes_are_all_here() -> None:
-    assert len(FILES) == 55
+    assert len(FILES) == 57
     # Every one but the one that is small itself has a small form.
     assert sorted(list_recipes()) == sorted(
         {*FILES, *(f"{name}-small" for name in FILES if not name.endswith("-small"))}
     )
-    assert len(list_recipes()) == 108
+    assert len(list_recipes()) == 112
 
 
 @pytest.mark.parametrize("name", list_recipes())
@@ -346,6 +346,9 @@ def test_every_key_of_a_recipe_is_checked_for_spelling(name: str) -> None:
         ("codec.joints=h36m-22", "codec.joints: no skeleton is called 'h36m-22'"),
         ("codec.joints=[Hips,Tail]", "codec.joints: no joint is called 'Tail'"),
         ("codec.root=displacement", "training.objective: the codec writes 3 root channels"),
+        ("codec.actions=[walking]", "codec.actions lists actions that no loss trains"),
+        ("codec.actions=[eating,eating]", "codec.actions: 'eating' is there twice"),
+        ("training.objective.terms.action=1", "loss 'action' needs actions, but the codec has non"),
     ],
 )
 def test_a_mistake_stops_before_any_data_is_read(override: str, message: str) -> None:
@@ -457,6 +460,8 @@ def _shrunk(name: str) -> Recipe:
             overrides.append("model.projection=24")
         if recipe.config["model"]["head"].get("hidden") is not None:
             overrides.append("model.head.hidden=24")
+    if recipe.config["codec"].get("actions") is not None:
+        overrides.append("codec.actions=[swing]")
     if "decay" in recipe.config["training"]["feed"]:
         overrides.append("training.feed.decay=0.6")
     return load_recipe(name, overrides)

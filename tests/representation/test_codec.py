@@ -42,7 +42,7 @@ def test_features_are_joints_then_root_channels(motion):
     features = codec.encode(motion)
     assert (codec.joint_features, codec.root_dim, codec.feature_dim) == (12, 3, 15)
     assert features.shape == (2, 9, 15)
-    joints, root = codec.split(features)
+    joints, root, _ = codec.split(features)
     assert joints.shape == (2, 9, 3, 4)
     assert root.shape == (2, 9, 3)
     torch.testing.assert_close(codec.merge(joints, root), features)
@@ -210,3 +210,42 @@ def test_statistics_are_of_the_joints_that_are_written(generator):
 def test_joints_out_of_order_are_refused():
     with pytest.raises(ConfigError, match=r"codec.joints: \[2, 1\]; expected indices in order"):
         Codec(LIMBS, Quaternion(), joints=(2, 1))
+
+
+def test_the_action_of_a_motion_is_a_one_among_zeros_in_every_frame(motion):
+    codec = Codec(SKELETON, Quaternion(), root="displacement", actions=("walk", "sit", "run"))
+    features = codec.encode(motion._replace(actions=("run", "walk")))
+    assert features.shape == (2, 9, 18)
+    assert features[0, :, 15:].tolist() == [[0, 0, 1]] * 9
+    assert features[1, :, 15:].tolist() == [[1, 0, 0]] * 9
+    parts = codec.split(features)
+    torch.testing.assert_close(codec.merge(*parts), features)
+    plain = Codec(SKELETON, Quaternion(), root="displacement")
+    torch.testing.assert_close(features[..., :15], plain.encode(motion))
+    given = {"offsets": motion.offsets, "anchor": motion.root_positions[:, 0]}
+    torch.testing.assert_close(
+        codec.decode(features, **given).root_positions,
+        plain.decode(features[..., :15], **given).root_positions,
+    )
+
+
+@pytest.mark.parametrize(
+    ("actions", "message"),
+    [
+        (("walk", "wlak"), "action 'wlak' is unknown; did you mean 'walk'"),
+        (("walk", ""), "no action is given; known: sit, walk"),
+        (None, "no action is given; known: sit, walk"),
+    ],
+)
+def test_an_action_that_is_not_listed_is_refused(motion, actions, message):
+    codec = Codec(SKELETON, Quaternion(), actions=("walk", "sit"))
+    with pytest.raises(ConfigError, match=message):
+        codec.encode(motion._replace(actions=actions))
+
+
+def test_actions_are_not_standardized(motion):
+    codec = Codec(SKELETON, Quaternion(), actions=("walk", "sit"))
+    for divide_by in ("deviation", "variance"):
+        found = codec.measure([motion._replace(actions=("sit", "walk"))], divide_by=divide_by)
+        assert (found.mean[-2:].tolist(), found.scale[-2:].tolist()) == ([0, 0], [1, 1])
+        assert (found.mean[:-2] != 0).all()

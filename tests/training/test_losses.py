@@ -98,7 +98,7 @@ def fitting(name):
     return [kind for kind, each in made.items() if LOSSES[name].needs <= each.states]
 
 
-PAIRS = [(name, kind) for name in LOSSES for kind in fitting(name)]
+PAIRS = [(name, kind) for name in LOSSES if name != "action" for kind in fitting(name)]
 
 
 def test_every_loss_is_used_with_every_representation_that_has_what_it_needs():
@@ -116,6 +116,7 @@ def test_every_loss_is_used_with_every_representation_that_has_what_it_needs():
         "bone_length": 6,
         "velocity": 11,
         "root": 11,
+        "action": 11,
     }
 
 
@@ -169,7 +170,7 @@ def test_the_error_of_features_is_standardized_and_looks_at_what_was_not_project
 
 def test_bones_that_are_a_centimeter_too_long_cost_a_centimeter(tiny, generator):
     wrong = compared("quaternion+offsets", tiny, generator)
-    joints, root = wrong.codec.split(wrong.target)
+    joints, root, _ = wrong.codec.split(wrong.target)
     directions = joints[..., 4:] / joints[..., 4:].norm(dim=-1, keepdim=True).clamp_min(1e-9)
     longer = torch.cat([joints[..., :4], joints[..., 4:] + 0.01 * directions], dim=-1)
     stretched = replace(wrong, predicted=wrong.codec.merge(longer, root))
@@ -238,7 +239,7 @@ def test_gradients_are_finite_at_hard_spots(name, spot, equal, comparison, tiny)
 @pytest.mark.parametrize("name", ["euler", "position"])
 def test_angles_and_positions_do_not_change_with_the_sign_of_a_quaternion(name, comparison):
     codec = comparison.codec
-    joints, root = codec.split(comparison.predicted)
+    joints, root, _ = codec.split(comparison.predicted)
     signs = torch.tensor([1.0, -1, -1, 1, -1], dtype=torch.float64)[:, None]
     flipped = replace(comparison, predicted=codec.merge(joints * signs, root))
     assert LOSSES[name](flipped).item() == pytest.approx(LOSSES[name](comparison).item(), rel=1e-12)
@@ -316,6 +317,26 @@ def test_the_root_loss_is_in_meters():
     assert root_l1(torch.tensor([[1.0, 2, 3]]), torch.tensor([[1.0, 2.5, 2]])).item() == 0.5
 
 
+def test_the_action_loss_is_the_mean_square_of_the_numbers_that_stand_for_actions(comparison):
+    told = replace(comparison.codec, actions=("walk", "sit"))
+    target = torch.cat([comparison.target, torch.tensor([0.0, 1]).expand(2, 3, 2)], dim=-1)
+    emitted = torch.cat([comparison.emitted, torch.tensor([0.5, 0.9]).expand(2, 3, 2)], dim=-1)
+    wrong = replace(
+        comparison,
+        codec=told,
+        target=target,
+        emitted=emitted,
+        predicted=emitted,
+        last=target[:, 0],
+    )
+    assert LOSSES["action"](wrong).item() == pytest.approx((0.25 + 0.01) / 2)
+    # The others do not see them, but for the error of all features.
+    for name in ("euler", "position", "root", "per_joint", "velocity"):
+        assert LOSSES[name](wrong).item() == pytest.approx(LOSSES[name](comparison).item())
+    whole = (23 * LOSSES["features"](comparison) + 0.26) / 25
+    assert LOSSES["features"](wrong).item() == pytest.approx(whole.item())
+
+
 def test_an_objective_is_the_weighted_sum_of_its_terms(comparison):
     loss = Objective({"euler": 2.0, "penalty": 0.01}, order="xyz")(replace(comparison, order="xyz"))
     assert set(loss.terms) == {"euler", "penalty"}
@@ -341,6 +362,16 @@ def test_an_order_that_no_loss_measures_in_is_refused():
     with pytest.raises(ConfigError, match="order 'xyz' changes nothing without the loss 'euler'"):
         Objective({"features": 1.0}, order="xyz")
     assert Objective({"euler": 1.0}, order="xyz").order == "xyz"
+
+
+def test_an_objective_refuses_actions_that_nothing_would_train(tiny):
+    told = Codec(tiny.SKELETON, Quaternion(), actions=("walk", "sit"))
+    with pytest.raises(ConfigError, match=r"add action: 1\.0 \(or features\)"):
+        Objective({"euler": 1.0}).check(told)
+    with pytest.raises(ConfigError, match=r"list them in codec\.actions"):
+        Objective({"euler": 1.0, "action": 1.0}).check(replace(told, actions=()))
+    Objective({"euler": 1.0, "action": 1.0}).check(told)
+    Objective({"features": 1.0}).check(told)
 
 
 def test_an_objective_refuses_root_channels_that_nothing_would_train(tiny):

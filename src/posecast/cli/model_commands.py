@@ -324,10 +324,14 @@ def forecast(
             "--mapping", help="YAML: for joints of the checkpoint their names in the clip."
         ),
     ] = None,
+    action: Annotated[
+        str | None,
+        typer.Option("--action", help="What is done in the clip, for checkpoints that are told."),
+    ] = None,
 ) -> None:
     """Continue a clip: writes the clip and its forecast in the clip's own conventions."""
     from posecast.cli.data_commands import save_clip
-    from posecast.cli.reading import read_mapping
+    from posecast.cli.reading import read_mapping, with_action
     from posecast.forecast import rename_joints
     from posecast.io.atomic import check_target
     from posecast.system import load
@@ -336,7 +340,7 @@ def forecast(
     reading = Reading(fps, unit=unit, up=up, skeleton=skeleton, template=template)
     reading.check([clip])
     system = load(checkpoint)
-    known = reading.clip(clip)
+    known = with_action(reading.clip(clip), action, system.forecaster.codec.actions)
     names = {} if mapping is None else read_mapping(mapping)
     for new, old in names.items():
         # One that takes a name of the checkpoint away from another joint may give any.

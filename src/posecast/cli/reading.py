@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from posecast.config import read_yaml
+from posecast.config import did_you_mean, read_yaml
 from posecast.errors import ConfigError, PosecastError
 
 if TYPE_CHECKING:
@@ -76,6 +77,31 @@ def check_rate(option: str, fps: float) -> None:
         raise ConfigError(
             f"{option} {fps:g}: expected frames per second, above 0 and at most {_MOST_FPS}"
         )
+
+
+def with_action(clip: Clip, action: str | None, known: Sequence[str]) -> Clip:
+    """The clip, labelled with what is done in it.
+
+    Args:
+        clip: any clip.
+        action: what the user says; ``None``: what the clip says.
+        known: actions that a checkpoint tells apart; none if it is not told.
+
+    Raises:
+        ConfigError: an action that the checkpoint does not know, or none where it needs one, or
+            one for a checkpoint that is not told.
+    """
+    if not known:
+        if action is not None:
+            raise ConfigError(
+                f"--action {action}: this checkpoint is not told what is done; leave it out"
+            )
+        return clip
+    shown = clip.labels.get("action", "") if action is None else action
+    if shown not in known:
+        found = f"action {shown!r} is unknown" if shown else "this checkpoint is told what is done"
+        raise ConfigError(f"{clip.name}: {found}; give --action; {did_you_mean(shown, known)}")
+    return replace(clip, labels={**clip.labels, "action": shown})
 
 
 def read_mapping(path: Path) -> dict[str, str]:

@@ -98,6 +98,7 @@ def _gather(corpus: Corpus, windows: Sequence[Window], length: int) -> Motion:
         torch.stack([clip.rotations_local.double() for clip in clips]),
         torch.stack([clip.root_positions.double() for clip in clips]),
         torch.stack([clip.offsets.double() for clip in clips]),
+        actions=tuple(clip.labels.get("action", "") for clip in clips),
     )
 
 

@@ -52,7 +52,14 @@ PRINTED_NAMES: Mapping[str, tuple[str, ...]] = {
         "GRU unsup. [32]",
         "Seq2seq-sampling [20]",
     ),
+    "h36m-seq2seq-sampling-sup": (
+        "GRU sup. (Martinez et al., CVPR 2017)",
+        "GRU sup.",
+        "GRU sup. [32]",
+        "Seq2seq-sampling-sup [20]",
+    ),
     "h36m-seq2seq-sampling-spl": ("Seq2seq-sampling-SPL",),
+    "h36m-seq2seq-sampling-sup-spl": ("Seq2seq-sampling-sup-SPL",),
     "h36m-lstm-3lr": (
         "LSTM-3LR (Fragkiadaki et al., CVPR 2015)",
         "LSTM-3LR [12]",

@@ -40,7 +40,7 @@ class Prediction(NamedTuple):
 class Forecaster(nn.Module):
     """Predicts the next frame: input layers, backbone, head, residual, projection.
 
-    Root channels come from a linear layer of their own, beside any head.
+    Root channels come from a linear layer of their own, beside any head, and so do actions.
 
     Args:
         codec: what the features mean; its statistics, if any, standardize what the network reads
@@ -49,7 +49,7 @@ class Forecaster(nn.Module):
         head: makes the head for a context size, a skeleton and a number of values a joint.
         residual: ``none``: the network puts out the next pose; ``add``: what to add to the pose it
             read; ``compose``: what to apply to it by the representation's own product (Pavllo et
-            al. 2018, section 3.1). Root channels add in both of the latter.
+            al. 2018, section 3.1). Root channels and actions add in both of the latter.
         input_dropout: share of the inputs set to zero in training; the residual reads them all.
         input_noise: standard deviation of the Gaussian noise added in training to what the backbone
             reads, in units of the standardized inputs, or of the features where nothing is
@@ -121,6 +121,7 @@ class Forecaster(nn.Module):
         context_dim = self.backbone.context_dim
         self.head = head(context_dim, codec.written, codec.representation.joint_dim)
         self.root = nn.Linear(context_dim, codec.root_dim) if codec.root_dim else None
+        self.action = nn.Linear(context_dim, len(codec.actions)) if codec.actions else None
         statistics = codec.statistics
         for name in ("mean", "scale"):
             values = None if statistics is None else getattr(statistics, name)
@@ -139,7 +140,7 @@ class Forecaster(nn.Module):
 
     def reset_parameters(self, generator: torch.Generator | None = None) -> None:
         """Draw all weights anew, from ``generator`` (``None``: PyTorch's own)."""
-        for linear in (*self.projection, self.root):
+        for linear in (*self.projection, self.root, self.action):
             if linear is not None:
                 reset_linear(linear, generator)
         if self.controls is not None:
@@ -157,8 +158,9 @@ class Forecaster(nn.Module):
         self.head.start_at(
             representation.identity(nothing) if self.residual == "compose" else nothing
         )
-        if self.root is not None:
-            start_linear_at(self.root, torch.zeros(self.codec.root_dim))
+        for linear in (self.root, self.action):
+            if linear is not None:
+                start_linear_at(linear, torch.zeros(linear.out_features))
 
     def initial_state(self, batch: int) -> State:
         """The state before anything was read."""
@@ -244,8 +246,12 @@ class Forecaster(nn.Module):
         raw = joints
         if self.residual == "compose":
             joints = codec.representation.compose(raw, base.joints)
-        valid = codec.merge(codec.representation.project(joints), root)
-        return valid, raw, codec.merge(joints, root)
+        action = None
+        if self.action is not None:
+            action = self.action(context)
+            action = action if self.residual == "none" else base.action + action
+        valid = codec.merge(codec.representation.project(joints), root, action)
+        return valid, raw, codec.merge(joints, root, action)
 
 
 def _draw(how: Callable[..., Tensor], like: Tensor, generator: torch.Generator | None) -> Tensor:

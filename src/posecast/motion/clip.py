@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import chain
 from operator import itemgetter
 from typing import NamedTuple
 
@@ -25,12 +26,15 @@ class Motion(NamedTuple):
         offsets: translation of each joint from its parent in the rest pose, metres.
         translations_local: only where bones stretch, as a network may let them: the translation of
             each joint from its parent, frame by frame, metres. ``None``: bones are rigid.
+        actions: what is done in each motion, as its clip's label ``action`` says, and "" where none
+            does. ``None``: nobody asked.
     """
 
     rotations_local: Float[Tensor, "batch frames joints 4"]
     root_positions: Float[Tensor, "batch frames 3"]
     offsets: Float[Tensor, "batch joints 3"]
     translations_local: Float[Tensor, "batch frames joints 3"] | None = None
+    actions: tuple[str, ...] | None = None
 
     @property
     def bones(self) -> Float[Tensor, "batch _ joints 3"]:
@@ -51,27 +55,35 @@ class Motion(NamedTuple):
             change(self.root_positions),
             change(self.offsets),
             None if moved is None else change(moved),
+            self.actions,
         )
 
     def cut(self, start: int, stop: int | None = None) -> Motion:
         """Frames ``start`` up to, not including, ``stop``, as a slice counts them."""
         piece = slice(start, stop)
         moved = self.translations_local
-        return Motion(
-            self.rotations_local[:, piece],
-            self.root_positions[:, piece],
-            self.offsets,
-            None if moved is None else moved[:, piece],
+        return self._replace(
+            rotations_local=self.rotations_local[:, piece],
+            root_positions=self.root_positions[:, piece],
+            translations_local=None if moved is None else moved[:, piece],
         )
 
     def split(self, batch: int) -> list[Motion]:
         """The same in pieces of at most ``batch`` motions, in order."""
         firsts = range(0, max(len(self.rotations_local), 1), batch)
-        return [self.map(itemgetter(slice(first, first + batch))) for first in firsts]
+        pieces = [slice(first, first + batch) for first in firsts]
+        actions = self.actions
+        return [
+            self.map(itemgetter(piece))._replace(
+                actions=None if actions is None else actions[piece]
+            )
+            for piece in pieces
+        ]
 
     @staticmethod
     def join_frames(motions: Sequence[Motion]) -> Motion:
-        """Motions of the same bodies one after the other in time; offsets are those of the first.
+        """Motions of the same bodies one after the other in time; offsets and actions are those of
+        the first.
 
         Bones that stretch in one of them are given frame by frame in all.
         """
@@ -84,6 +96,7 @@ class Motion(NamedTuple):
             torch.cat([motion.root_positions for motion in motions], dim=1),
             motions[0].offsets,
             torch.cat(bones, dim=1) if stretch else None,
+            motions[0].actions,
         )
 
     def clip(self, like: Clip, *, name: str, index: int = 0) -> Clip:
@@ -107,13 +120,16 @@ class Motion(NamedTuple):
 
     @staticmethod
     def join(motions: Sequence[Motion]) -> Motion:
-        """Batches one after the other; bones stretch in all of them or in none."""
+        """Batches one after the other; bones stretch in all or none, actions are known of all or
+        left out."""
         moved = [m.translations_local for m in motions if m.translations_local is not None]
+        actions = [m.actions for m in motions if m.actions is not None]
         return Motion(
             torch.cat([motion.rotations_local for motion in motions]),
             torch.cat([motion.root_positions for motion in motions]),
             torch.cat([motion.offsets for motion in motions]),
             torch.cat(moved) if moved else None,
+            tuple(chain(*actions)) if len(actions) == len(motions) else None,
         )
 
 
@@ -224,4 +240,5 @@ class Clip:
             rotations_local=self.rotations_local[None],
             root_positions=self.root_positions[None],
             offsets=self.offsets[None],
+            actions=(self.labels.get("action", ""),),
         )

@@ -193,7 +193,7 @@ class Corpus:
         return Windows(clips, tuple(self.frames[clip] for clip in clips), length, stride)
 
     def gather(self, windows: Sequence[Window], length: int) -> Motion:
-        """Copy windows into one batch, float32, each with the offsets of its clip.
+        """Copy windows into one batch, float32, each with the offsets and the action of its clip.
 
         Bones that move (``translations_local``) are taken at their offsets.
 
@@ -206,12 +206,14 @@ class Corpus:
         rotations = torch.empty(batch, length, joints, 4)
         positions = torch.empty(batch, length, 3)
         offsets = torch.empty(batch, joints, 3)
+        actions: list[str] = []
         for place, window in enumerate(windows):
             piece, clip = self._piece(window, length), self.clips[window.clip]
             rotations[place] = clip.rotations_local[piece]
             positions[place] = clip.root_positions[piece]
             offsets[place] = clip.offsets
-        return Motion(rotations, positions, offsets)
+            actions.append(clip.labels.get("action", ""))
+        return Motion(rotations, positions, offsets, actions=tuple(actions))
 
     def gather_track(self, windows: Sequence[Window], length: int, track: str) -> Tensor:
         """Copy one track of the same windows into a batch (batch, length, ...), dtype kept.

@@ -318,16 +318,25 @@ def _codec(
     root: Literal["none", "displacement"] = "none",
     standardize: Standardize = "none",
     joints: str | list[str] | None = None,
+    actions: list[str] | None = None,
 ) -> Codec:
     """A codec from a recipe's section ``codec``; its keywords are that section's keys."""
     if standardize not in get_args(Standardize):
         raise ConfigError(f"codec.standardize: {standardize!r} is not known")
+    told = tuple(actions or ())
     if joints is None:
-        return Codec(skeleton, represent(skeleton), root=root, statistics=statistics)
+        return Codec(skeleton, represent(skeleton), root=root, statistics=statistics, actions=told)
     try:
         names = named_skeleton(joints).skeleton.names if isinstance(joints, str) else joints
         chosen = tuple(sorted({skeleton.index(name) for name in names}))
         written = skeleton.select(chosen)
     except SkeletonError as error:
         raise ConfigError(f"codec.joints: {error}") from None
-    return Codec(skeleton, represent(written), root=root, statistics=statistics, joints=chosen)
+    return Codec(
+        skeleton,
+        represent(written),
+        root=root,
+        statistics=statistics,
+        joints=chosen,
+        actions=told,
+    )

@@ -11,6 +11,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from posecast.config import did_you_mean
 from posecast.errors import ConfigError, SkeletonError
 from posecast.geometry import quaternion
 from posecast.motion import Motion
@@ -26,10 +27,12 @@ class Parts(NamedTuple):
     Args:
         joints: what the representation wrote for each joint.
         root: channels of the root; none of them when the codec leaves the root out.
+        action: one for each action, 1 for the one that is done; none when the codec has no actions.
     """
 
     joints: Float[Tensor, "*batch joints joint_dim"]
     root: Float[Tensor, "*batch root"]
+    action: Float[Tensor, "*batch actions"]
 
 
 class Statistics(NamedTuple):
@@ -49,8 +52,8 @@ class Codec:
     """Motion of one skeleton as features (batch, frames, features), and back.
 
     The features of a frame are those of all joints, one joint after the other, then the root
-    channels; ``split`` and ``merge`` name them. Features are physical: a forecaster standardizes
-    by ``statistics`` where it reads, and undoes it where it answers.
+    channels, then one for each action; ``split`` and ``merge`` name them. Features are physical: a
+    forecaster standardizes by ``statistics`` where it reads, and undoes it where it answers.
 
     Signs of quaternions follow one rule, in training and in use: the real part of local rotations
     is not negative in the first frame, and signs are continuous from there on.
@@ -64,6 +67,9 @@ class Codec:
         statistics: what forecasters of these features standardize by; ``None``: by nothing.
         joints: indices of the joints that are written, ascending; ``representation`` is of
             ``skeleton.select(joints)``. The others are held still. ``None``: all of them.
+        actions: names of actions. The one that is done is a feature of 1 among zeros, which the
+            network reads, and predicts as it does the rest (Martinez et al. 2017, "supervised");
+            ``decode`` leaves it out. None: actions are not told.
     """
 
     skeleton: Skeleton
@@ -71,8 +77,12 @@ class Codec:
     root: Literal["none", "displacement"] = "none"
     statistics: Statistics | None = None
     joints: tuple[int, ...] | None = None
+    actions: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        twice = sorted({name for name in self.actions if self.actions.count(name) > 1})
+        if twice:
+            raise ConfigError(f"codec.actions: {twice[0]!r} is there twice; name each action once")
         if self.joints is not None and list(self.joints) != sorted(set(self.joints)):
             raise ConfigError(f"codec.joints: {list(self.joints)}; expected indices in order")
         if self.root not in ROOT_CHANNELS:
@@ -112,21 +122,27 @@ class Codec:
     @property
     def feature_dim(self) -> int:
         """Number of features of a frame."""
-        return self.joint_features + self.root_dim
+        return self.joint_features + self.root_dim + len(self.actions)
 
     def split(self, features: Float[Tensor, "*batch features"]) -> Parts:
-        """Joints and root channels of features; views, not copies."""
-        joints, root = features.split([self.joint_features, self.root_dim], dim=-1)
-        return Parts(joints.unflatten(-1, (len(self.written), -1)), root)
+        """Joints, root channels and actions of features; views, not copies."""
+        sizes = [self.joint_features, self.root_dim, len(self.actions)]
+        joints, root, action = features.split(sizes, dim=-1)
+        return Parts(joints.unflatten(-1, (len(self.written), -1)), root, action)
 
     def merge(
         self,
         joints: Float[Tensor, "*batch joints joint_dim"],
         root: Float[Tensor, "*batch root"],
+        action: Float[Tensor, "*batch actions"] | None = None,
     ) -> Float[Tensor, "*batch features"]:
-        """Features of joints and root channels."""
-        flat = joints.flatten(-2)
-        return torch.cat([flat, root], dim=-1) if self.root_dim else flat
+        """Features of joints, root channels and, where the codec has actions, those."""
+        parts = [joints.flatten(-2)]
+        if self.root_dim:
+            parts.append(root)
+        if action is not None:
+            parts.append(action)
+        return torch.cat(parts, dim=-1) if len(parts) > 1 else parts[0]
 
     def encode(self, motion: Motion) -> Float[Tensor, "batch frames features"]:
         """Features of a motion.
@@ -136,6 +152,7 @@ class Codec:
 
         Raises:
             SkeletonError: the motion has another number of joints than the skeleton.
+            ConfigError: the codec has actions, and the motion does none of them.
         """
         rotations = motion.rotations_local
         if rotations.shape[-2] != len(self.skeleton):
@@ -148,13 +165,26 @@ class Codec:
                 _continuous(self.choose(rotations)), self.choose(motion.offsets)[:, None]
             )
         )
+        action = self._one_hot(motion) if self.actions else None
         root = motion.root_positions
         if self.root == "none":
-            return self.merge(joints, root[..., :0])
+            return self.merge(joints, root[..., :0], action)
         steps = root.diff(dim=1)
         first = steps[:, :1] if root.shape[1] > 1 else torch.zeros_like(root)
         steps = torch.cat([first, steps], dim=1)
-        return self.merge(joints, torch.stack([steps[..., 0], root[..., 1], steps[..., 2]], dim=-1))
+        channels = torch.stack([steps[..., 0], root[..., 1], steps[..., 2]], dim=-1)
+        return self.merge(joints, channels, action)
+
+    def _one_hot(self, motion: Motion) -> Float[Tensor, "batch frames actions"]:
+        """1 for the action of each motion, in every frame."""
+        shown = [""] * len(motion.offsets) if motion.actions is None else motion.actions
+        for action in shown:
+            if action not in self.actions:
+                found = f"action {action!r} is unknown" if action else "no action is given"
+                raise ConfigError(f"{found}; {did_you_mean(action, self.actions)}")
+        numbers = torch.tensor([self.actions.index(action) for action in shown], dtype=torch.long)
+        hot = torch.nn.functional.one_hot(numbers, len(self.actions)).to(motion.root_positions)
+        return hot[:, None].expand(-1, motion.root_positions.shape[1], -1)
 
     def decode(
         self,
@@ -173,15 +203,13 @@ class Codec:
                 metres; displacements are summed up from there, or the root is held there.
             held: local rotations in that frame, which joints that are not written keep; ``None``:
                 no rotation.
-            held: local rotations in that frame, which joints that are not written keep; ``None``:
-                no rotation.
 
         Returns:
             Its bones stretch (``translations_local``) where the representation says where joints
             are; ``Motion.rigid`` is the same on the body at rest. Rotations are fitted where the
             representation states none.
         """
-        joints, root = self.split(features)
+        joints, root, _ = self.split(features)
         bodies = self.choose(offsets)[:, None]
         rotations = self._beside(held, self.representation.decode(joints, bodies))
         moved = self.representation.translations(joints, bodies)
@@ -221,6 +249,8 @@ class Codec:
     ) -> Statistics:
         """Statistics of the features of some motions, over all batches and frames.
 
+        Actions are left as they are: mean 0, scale 1.
+
         Args:
             motions: usually the training split, in pieces of any size.
             divide_by: ``deviation``, or ``variance`` as Aksan et al. (2019) did in their code.
@@ -238,7 +268,10 @@ class Codec:
         scale = (squares / count - mean.square()).clamp_min(0)
         if divide_by == "deviation":
             scale = scale.sqrt()
-        return Statistics(mean, torch.where(scale < least, torch.ones_like(scale), scale))
+        scale = torch.where(scale < least, torch.ones_like(scale), scale)
+        told = len(self.actions)
+        mean[len(mean) - told :], scale[len(scale) - told :] = 0, 1
+        return Statistics(mean, scale)
 
 
 def _continuous(

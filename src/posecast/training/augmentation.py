@@ -29,7 +29,8 @@ def turn(motion: Motion, angles: Float[Tensor, "batch"], skeleton: Skeleton) -> 
     # A root besides the first stands at its own offset from the first, in the world's axes.
     offsets = motion.offsets.clone()
     offsets[:, roots] = quaternion.rotate(about_y, offsets[:, roots])
-    return Motion(rotations, quaternion.rotate(about_y, motion.root_positions), offsets)
+    positions = quaternion.rotate(about_y, motion.root_positions)
+    return Motion(rotations, positions, offsets, actions=motion.actions)
 
 
 def mirror(motion: Motion, chosen: Bool[Tensor, "batch"], skeleton: Skeleton) -> Motion:
@@ -46,9 +47,9 @@ def mirror(motion: Motion, chosen: Bool[Tensor, "batch"], skeleton: Skeleton) ->
         motion.root_positions * reflect,
         motion.offsets[:, twins] * reflect,
     )
-    return Motion(
-        *(
-            torch.where(chosen.reshape(-1, *(1,) * (before.ndim - 1)), after, before)
-            for before, after in zip(motion[:3], reflected[:3], strict=True)
-        )
+    fields = zip(motion[:3], reflected[:3], strict=True)
+    rotations, positions, offsets = (
+        torch.where(chosen.reshape(-1, *(1,) * (before.ndim - 1)), after, before)
+        for before, after in fields
     )
+    return Motion(rotations, positions, offsets, actions=motion.actions)

@@ -111,7 +111,8 @@ def _euler(comparison: Comparison) -> Float[Tensor, ""]:
 def _features(comparison: Comparison) -> Float[Tensor, ""]:
     """Mean squared error of the standardized features, before they are projected to valid ones.
 
-    Root channels included (Zhou et al. 2018; Andreou et al. 2022, section 5.1).
+    Root channels included (Zhou et al. 2018; Andreou et al. 2022, section 5.1), and actions
+    (Martinez et al. 2017).
     """
     difference = comparison.emitted - comparison.target
     if comparison.scale is not None:
@@ -122,7 +123,7 @@ def _features(comparison: Comparison) -> Float[Tensor, ""]:
 def _per_joint(comparison: Comparison) -> Float[Tensor, ""]:
     """Lengths of the joints' differences, summed over joints; of standardized features as above.
 
-    The length of all numbers of a joint, not its square. Root channels do not count.
+    The length of all numbers of a joint, not its square. Root channels and actions do not count.
 
     Source: Aksan et al. 2019, as their code has it (the text says mean squared error).
     """
@@ -210,6 +211,13 @@ def _root(comparison: Comparison) -> Float[Tensor, ""]:
     return root_l1(split(comparison.predicted).root, split(comparison.target).root)
 
 
+def _action(comparison: Comparison) -> Float[Tensor, ""]:
+    """Mean squared error of the numbers that stand for actions."""
+    split = comparison.codec.split
+    difference = split(comparison.emitted).action - split(comparison.target).action
+    return difference.square().mean()
+
+
 class Term(NamedTuple):
     """A loss, and what features must state for it to mean anything.
 
@@ -243,4 +251,5 @@ LOSSES: dict[str, Term] = {
     "bone_length": Term(_bone_length, _TRANSLATIONS),
     "velocity": Term(_velocity),
     "root": Term(_root),
+    "action": Term(_action),
 }

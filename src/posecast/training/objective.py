@@ -69,8 +69,8 @@ class Objective:
         """Refuse a codec that these terms do not fit, before any training.
 
         Raises:
-            ConfigError: a term of what the representation does not state, root channels without a
-                loss, or a loss without root channels.
+            ConfigError: a term of what the representation does not state, root channels or actions
+                without a loss, or a loss without them.
         """
         for name in self.terms:
             _check_term(name, codec)
@@ -79,6 +79,17 @@ class Objective:
             raise ConfigError(
                 f"the codec writes {channels} root channels that no loss trains; "
                 "add root: 1.0 (or features) to the loss, or write no root channels"
+            )
+        told = len(codec.actions)
+        if told and not {"action", "features"} & set(self.terms):
+            raise ConfigError(
+                "codec.actions lists actions that no loss trains; add action: 1.0 (or features) to "
+                "the loss, or leave them out"
+            )
+        if not told and "action" in self.terms:
+            raise ConfigError(
+                "loss 'action' needs actions, but the codec has none; list them in codec.actions, "
+                "or leave the loss out"
             )
         if not channels and "root" in self.terms:
             raise ConfigError(
