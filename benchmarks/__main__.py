@@ -11,9 +11,11 @@ from pathlib import Path
 import torch
 from benchmarks import (
     bvh,
+    decoding,
     dual_quaternions,
     head,
     kinematics,
+    recipe_steps,
     representations,
     rollout,
     sampling,
@@ -29,7 +31,9 @@ BENCHMARKS: dict[str, Callable[[], list[dict[str, object]]]] = {
     "bvh": bvh.run,
     "training_step": training_step.run,
     "sampling": sampling.run,
+    "decoding": decoding.run,
     "rollout": rollout.run,
+    "recipe_steps": recipe_steps.run,
 }
 
 NAMES = (

@@ -91,7 +91,7 @@ def _step(name: str, skeleton: Skeleton, overrides: Sequence[str]) -> Callable[[
     """An update of a fresh network on made-up windows."""
     recipe = load_recipe(name, overrides)
     plan = recipe.plan
-    motion = _motion(skeleton, plan.batch, plan.prefix + plan.horizon)
+    motion = random_motion(skeleton, plan.batch, plan.prefix + plan.horizon)
     plain = recipe.build_codec(skeleton)
     forecaster = recipe.build_forecaster(recipe.build_codec(skeleton, plain.measure([motion])))
     optimizer = torch.optim.Adam(forecaster.parameters(), lr=1e-4, fused=True)
@@ -109,7 +109,8 @@ def _step(name: str, skeleton: Skeleton, overrides: Sequence[str]) -> Callable[[
     return update
 
 
-def _motion(skeleton: Skeleton, batch: int, frames: int) -> Motion:
+def random_motion(skeleton: Skeleton, batch: int, frames: int) -> Motion:
+    """Smooth random motion of one body."""
     generator = torch.Generator().manual_seed(0)
     joints = len(skeleton)
     start, speed = torch.randn(2, batch, 1, joints, 3, generator=generator)

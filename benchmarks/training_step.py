@@ -57,13 +57,13 @@ def run(rounds: int = 5) -> list[dict[str, object]]:
     length of the difference to the plain gradient as a share of that gradient's length.
     """
     rows: list[dict[str, object]] = []
-    ceiling = _fastest_rate()
+    ceiling = fastest_rate()
     for share in SHARES_OF_TRUTH:
         mask = [share == 1 or (share > 0 and step % 2 == 0) for step in range(HORIZON)]
         candidates = {
-            "plain loop": _step(_make_forecaster(), mask, plain=True),
-            "posecast": _step(_make_forecaster(), mask, plain=False),
-            MEDIUM: _at_medium_precision(_step(_make_forecaster(), mask, plain=False)),
+            "plain loop": _step(make_forecaster(), mask, plain=True),
+            "posecast": _step(make_forecaster(), mask, plain=False),
+            MEDIUM: _at_medium_precision(_step(make_forecaster(), mask, plain=False)),
             "products": _products(mask),
         }
         times = paired(candidates, reference="plain loop", rounds=rounds, warmup=1)
@@ -96,7 +96,7 @@ def run(rounds: int = 5) -> list[dict[str, object]]:
     return rows
 
 
-def _fastest_rate(size: int = 2048, rounds: int = 7) -> float:
+def fastest_rate(size: int = 2048, rounds: int = 7) -> float:
     """Operations a second of one large product by the fastest exact kernel."""
     left, right = torch.randn(2, size, size)
     seconds: list[float] = []
@@ -110,7 +110,7 @@ def _fastest_rate(size: int = 2048, rounds: int = 7) -> float:
     return float(2 * size**3 / min(seconds))
 
 
-def _make_forecaster() -> Forecaster:
+def make_forecaster() -> Forecaster:
     """The velocity model, the same weights every time."""
     skeleton = Skeleton(tuple(map(str, range(JOINTS))), tuple(range(-1, JOINTS - 1)))
     forecaster = Forecaster(
@@ -178,7 +178,7 @@ def _at_medium_precision(call: Callable[[], Result]) -> Callable[[], Result]:
 
 def _gradient(mask: list[bool], *, plain: bool) -> Tensor:
     """The gradient of all weights at the start, as one vector."""
-    forecaster = _make_forecaster()
+    forecaster = make_forecaster()
     weights = list(forecaster.parameters())
     gradients = torch.autograd.grad(_loss(forecaster, mask, plain=plain), weights)
     return torch.cat([gradient.flatten() for gradient in gradients])

@@ -1,0 +1,165 @@
+"""A training step of every recipe at paper size, and the time of its matrix products alone.
+
+A step is an update on made-up windows: loss, gradient, clipping and optimizer, with the feed as it
+is in the middle of training. Its products are recorded once and done again by the same kernels, on
+the same sizes, with nothing in between: the floor. ``gflop`` counts their multiplications and
+additions; ``ceiling_share`` is their rate in the step as a share of that of one large product.
+
+Recipes whose corpus has a skeleton of its own are taken on it, all others on CMU's 31 joints.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections import Counter
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import torch
+from benchmarks.representations import random_motion
+from benchmarks.timing import paired, table
+from benchmarks.training_step import fastest_rate
+from torch import Tensor
+from torch.utils._python_dispatch import TorchDispatchMode
+
+from posecast.recipe import Recipe, list_recipes, load_recipe
+from posecast.recipe.files import SMALL
+from posecast.recipe.system_recipe import CORPUS_SKELETONS
+from posecast.skeleton import named_skeleton
+from posecast.training import training_loss
+
+PRODUCTS = ("mm", "addmm", "bmm", "baddbmm", "_linear_pointwise")
+"""Names of PyTorch's operations that are products, in place or not."""
+
+
+def run(rounds: int = 3, names: Sequence[str] = ()) -> list[dict[str, object]]:
+    """Rows ``name, ms, products_ms, floor_share, gflop, ceiling_share, foreign_load, threads``.
+
+    Args:
+        rounds: timed steps of each recipe.
+        names: of recipes; none: all at paper size.
+    """
+    ceiling = fastest_rate()
+    chosen = names or [name for name in list_recipes() if not name.endswith(SMALL)]
+    return [_row(load_recipe(name), rounds, ceiling) for name in chosen]
+
+
+def _row(recipe: Recipe, rounds: int, ceiling: float) -> dict[str, object]:
+    update = training_step(recipe)
+    update()
+    with Products() as products:
+        update()
+    times = paired({"step": update, "products": products}, "step", rounds=rounds, warmup=1)
+    step, floor = times["step"], times["products"]
+    return {
+        "name": recipe.name,
+        "ms": 1e3 * step.median_seconds,
+        "products_ms": 1e3 * floor.median_seconds,
+        "floor_share": 1 / floor.ratio,
+        "gflop": products.operations / 1e9,
+        "ceiling_share": products.operations / step.median_seconds / ceiling,
+        "foreign_load": step.foreign_load,
+        "threads": torch.get_num_threads(),
+    }
+
+
+def training_step(recipe: Recipe) -> Callable[[], Tensor]:
+    """An update of a fresh network of a recipe on made-up windows."""
+    plan = recipe.plan
+    corpus = str(recipe.config["corpus"]["kind"])
+    known = CORPUS_SKELETONS.get(corpus, lambda: named_skeleton("cmu-31").skeleton)
+    plain = recipe.build_codec(known())
+    motion = random_motion(plain.skeleton, plan.batch, plan.prefix + plan.horizon)
+    motion = motion._replace(actions=plain.actions[:1] * plan.batch)
+    statistics = plain.measure([motion])
+    standardized = recipe.config["codec"].get("standardize", "none") != "none"
+    codec = recipe.build_codec(known(), statistics if standardized else None)
+    forecaster = recipe.build_forecaster(codec)
+    weights = list(forecaster.parameters())
+    optimizer: torch.optim.Optimizer
+    if plan.optimizer == "adam":
+        optimizer = torch.optim.Adam(weights, lr=1e-5, fused=True)
+    else:
+        optimizer = torch.optim.SGD(weights, lr=1e-5)
+    mask = recipe.feed.mask(plan.horizon, plan.epochs // 2, torch.Generator().manual_seed(0))
+
+    def update() -> Tensor:
+        optimizer.zero_grad()
+        loss = training_loss(
+            forecaster, motion, prefix=plan.prefix, mask=mask, objective=recipe.objective
+        ).total
+        loss.backward()
+        if plan.clip is not None:
+            torch.nn.utils.clip_grad_norm_(weights, plan.clip)
+        optimizer.step()
+        return loss.detach()
+
+    return update
+
+
+class Products(TorchDispatchMode):
+    """Records the products of what runs inside of it; called, does them again.
+
+    Of products of one kind on factors of the same sizes the first's factors stand for all.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.operations = 0
+        self._calls: dict[tuple[object, ...], Callable[[], object]] = {}
+        self._counts: Counter[tuple[object, ...]] = Counter()
+
+    def __torch_dispatch__(self, func, types, args=(), kwargs=None):  # type: ignore[no-untyped-def]
+        kwargs = kwargs or {}
+        found = func(*args, **kwargs)
+        if func.overloadpacket.__name__.removesuffix("_") in PRODUCTS:
+            self._note(func, args, kwargs, found)
+        return found
+
+    def _note(self, func: Any, args: tuple[Any, ...], kwargs: dict[str, Any], found: Any) -> None:
+        factors = [value for value in args if isinstance(value, Tensor)]
+        precision = torch.get_float32_matmul_precision()
+        key = (func, precision, *((tuple(f.shape), _strides(f)) for f in factors))
+        # What is added comes first where something is.
+        added = func.overloadpacket.__name__.removesuffix("_") in ("addmm", "baddbmm")
+        self.operations += 2 * found.numel() * args[1 if added else 0].shape[-1]
+        self._counts[key] += 1
+
+        def again() -> object:
+            torch.set_float32_matmul_precision(precision)
+            return func(*args, **kwargs)
+
+        self._calls.setdefault(key, again)
+
+    def __call__(self) -> None:
+        before = torch.get_float32_matmul_precision()
+        try:
+            with torch.no_grad():
+                for key, call in self._calls.items():
+                    for _ in range(self._counts[key]):
+                        call()
+        finally:
+            torch.set_float32_matmul_precision(before)
+
+
+def _strides(values: Tensor) -> tuple[int, ...]:
+    """How a factor lies in memory; a packed one has no strides."""
+    return () if values.is_mkldnn else values.stride()
+
+
+def main() -> None:
+    """Print the rows as a table, or as JSON."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--rounds", type=int, default=3, help="timed steps (default 3)")
+    parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
+    parser.add_argument("names", nargs="*", help="recipes; all at paper size")
+    arguments = parser.parse_args()
+    rows = run(rounds=arguments.rounds, names=arguments.names)
+    print(json.dumps(rows, indent=1) if arguments.json else table(rows))
+
+
+if __name__ == "__main__":
+    main()
