@@ -101,7 +101,8 @@ def test_all_tables_are_listed_with_what_stands_for_their_rows(
     text = capsys.readouterr().out
     assert "ijcv2019-2 (h36m-128): Table 2 of Pavllo" in text
     assert "  RNN-SPL-reverse: amass-rnn-spl-reverse" in text
-    assert "  SRNN [14]: no recipe" in text
+    assert "  SRNN [14]: h36m-srnn" in text
+    assert "  AGED [33]: no recipe" in text
     assert "iccv2019-3-h36m-standard" in text
     assert "iccv2019-3-amass-spl" in text
 

@@ -6,7 +6,9 @@ import pytest
 import torch
 
 from posecast.model import BACKBONES
+from posecast.skeleton import Skeleton
 
+BODY = Skeleton(("hips", "left_arm", "right_arm", "left_leg", "right_leg"), (-1, 0, 0, 0, 0))
 OPTIONS = {
     "convolutional": [
         {"channels": 6},
@@ -32,6 +34,10 @@ OPTIONS = {
         for initial in ("learned", "zero")
     ]
     + [{"hidden": 7, "layers": 2, "biases": 1, "forget_bias": 1.0}],
+    "structural_rnn": [
+        {"temporal": temporal, "hidden": 4, "encoder": 6, "joint_dim": 1, "skeleton": BODY}
+        for temporal in ("linear", "lstm")
+    ],
 }
 """Small members of every kind; a kind that is missing here fails the tests below."""
 
@@ -39,7 +45,12 @@ CASES = [(kind, options) for kind in BACKBONES for options in OPTIONS[kind]]
 CUTS = [[1, 9], [4, 6], [9, 1], [3, 3, 4], [1] * 10]
 
 
-@pytest.fixture(params=CASES, ids=lambda case: "-".join(map(str, (case[0], *case[1].values()))))
+def _name(case):
+    kind, options = case
+    return "-".join(map(str, (kind, *(each for each in options.values() if each is not BODY))))
+
+
+@pytest.fixture(params=CASES, ids=_name)
 def case(request):
     return request.param
 

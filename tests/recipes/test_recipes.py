@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -47,12 +48,12 @@ FILES = sorted(path.stem for path in RECIPES.glob("*.yaml"))
 
 
 def test_the_recipes_are_all_here() -> None:
-    assert len(FILES) == 57
+    assert len(FILES) == 58
     # Every one but the one that is small itself has a small form.
     assert sorted(list_recipes()) == sorted(
         {*FILES, *(f"{name}-small" for name in FILES if not name.endswith("-small"))}
     )
-    assert len(list_recipes()) == 112
+    assert len(list_recipes()) == 114
 
 
 @pytest.mark.parametrize("name", list_recipes())
@@ -65,7 +66,11 @@ def test_a_recipe_says_what_it_is(name: str) -> None:
     assert ("small" in recipe.config["summary"]) == small
     backbone = recipe.config["model"]["backbone"]
     units = backbone[_units(recipe)]
-    assert units == (256 if small else 1000 if _of_thousand(recipe) else 1024)
+    if backbone["kind"] == "structural_rnn":
+        # Seven LSTMs, 512 units each as published.
+        assert units == (128 if small else 512)
+    else:
+        assert units == (256 if small else 1000 if _of_thousand(recipe) else 1024)
 
 
 def _of_thousand(recipe: Recipe) -> bool:
@@ -214,6 +219,21 @@ def test_systems_of_aksan_et_al_have_the_size_of_their_configurations(
     assert count_parameters(load_recipe(name)) == parameters
 
 
+def test_structural_rnn_has_the_size_of_its_published_layers_and_the_schedule_of_erd() -> None:
+    srnn, erd = load_recipe("h36m-srnn"), load_recipe("h36m-erd")
+    # Torso, arms and legs of the 21 joints have 15, 12 and 12 numbers. Seven kinds of edges have
+    # layers of 256 and 256, the four spatial ones an LSTM of 512; a node hears 256 of its own past,
+    # 768 of each of two edges.
+    edges = sum((read + 1) * 256 for read in (15, 12, 12, 27, 27, 24, 24)) + 7 * 257 * 256
+    cells = 4 * 4 * 512 * (256 + 512 + 1) + 3 * 4 * 512 * (1792 + 512 + 1)
+    layers = 3 * (2305 * 256 + 257 * 100) + 101 * (15 + 12 + 12)
+    assert edges + cells + layers == 22_811_279
+    assert count_parameters(srnn) == 22_811_279
+    assert srnn.plan == erd.plan
+    for section in ("fps", "corpus", "representation", "codec", "training", "protocol"):
+        assert srnn.config[section] == erd.config[section]
+
+
 def test_the_amass_recipes_differ_in_what_they_compare_only() -> None:
     for base, others in (
         ("amass-rnn", ("pjl", "spl", "spl-sparse", "spl-indep", "spl-random", "spl-reverse")),
@@ -349,6 +369,15 @@ def test_every_key_of_a_recipe_is_checked_for_spelling(name: str) -> None:
         ("codec.actions=[walking]", "codec.actions lists actions that no loss trains"),
         ("codec.actions=[eating,eating]", "codec.actions: 'eating' is there twice"),
         ("training.objective.terms.action=1", "loss 'action' needs actions, but the codec has non"),
+        ("model.head={kind: parts}", "model: head: it reads what is said of each part of the body"),
+        ("model.head={kind: parts, body: 1}", "model.head.body: unknown key"),
+        ("model.backbone.skeleton=h36m-21", "model.backbone.skeleton: unknown key"),
+        ("model.backbone={kind: structural_rnn, parts: {torso: [Hip]}}", "did you mean 'Hips'?"),
+        ("model.backbone={kind: structural_rnn, parts: {torso: Hips}}", "backbone.parts: found"),
+        (
+            "model={backbone: {kind: structural_rnn}, projection: 9}",
+            "model: projection: the backbone reads joints, which a projection mixes",
+        ),
     ],
 )
 def test_a_mistake_stops_before_any_data_is_read(override: str, message: str) -> None:
@@ -410,6 +439,8 @@ def test_a_recipe_learns_a_tiny_corpus_by_heart(
     name: str, tiny_corpus: Corpus, tmp_path: Path
 ) -> None:
     recipe = _shrunk(name)
+    if recipe.config["model"]["backbone"]["kind"] == "structural_rnn":
+        tiny_corpus = _with_legs(tiny_corpus)
     result = train(recipe, tiny_corpus, tmp_path / "run", progress=False)
     assert result.best is not None
     with (tmp_path / "run" / "log.csv").open(newline="") as file:
@@ -420,6 +451,22 @@ def test_a_recipe_learns_a_tiny_corpus_by_heart(
         scores = recipe.protocol.score(system.predictor, tiny_corpus, "test")
         still = recipe.protocol.score(ZeroVelocity(), tiny_corpus, "test")
         assert scores.value("joint_angle", 400) < 0.25 * still.value("joint_angle", 400)
+
+
+def _with_legs(corpus: Corpus) -> Corpus:
+    """The corpus on a body with legs, which do what the arms do."""
+    skeleton = Skeleton((*corpus.skeleton.names, "LeftLeg", "RightLeg"), (-1, 0, 1, 1, 0, 0))
+    joints = [0, 1, 2, 3, 2, 3]
+    clips = [
+        replace(
+            clip,
+            skeleton=skeleton,
+            offsets=clip.offsets[joints],
+            rotations_local=clip.rotations_local[:, joints],
+        )
+        for clip in corpus.clips
+    ]
+    return Corpus(corpus.name, clips, corpus.splits)
 
 
 EXACT = ("quaternet-vel", "quaternet-abs", "quaternet-vel-tf", "quaternet-vel-small")
@@ -443,9 +490,11 @@ def _shrunk(name: str) -> Recipe:
     ]
     recipe = load_recipe(name)
     overrides.append(f"model.backbone.{_units(recipe)}=32")
-    if recipe.config["model"]["backbone"]["kind"] == "lstm":
+    backbone = recipe.config["model"]["backbone"]
+    if backbone["kind"] in ("lstm", "structural_rnn"):
         # As in the small forms: without a residual it takes long to learn to repeat a pose.
-        overrides += ["model.residual=add", "model.still_start=true", "model.backbone.layers=1"]
+        overrides += ["model.residual=add", "model.still_start=true"]
+        overrides.append(f"model.backbone.{'layers=1' if 'layers' in backbone else 'encoder=16'}")
         overrides += ["training.horizon=10", "training.prefix=5", "training.turn=false"]
         overrides += ["training.clip=1.0"]
     if name.startswith(("amass-", "h36m-")):

@@ -66,6 +66,7 @@ PRINTED_NAMES: Mapping[str, tuple[str, ...]] = {
         "LSTM-3LR [7]",
     ),
     "h36m-erd": ("ERD (Fragkiadaki et al., CVPR 2015)", "ERD [12]"),
+    "h36m-srnn": ("SRNN (Jain et al., CVPR 2016)", "SRNN [29]", "SRNN [14]"),
     "h36m-rnn": ("RNN", "RNN-mean"),
     "h36m-rnn-pjl": ("RNN-PJL",),
     "h36m-rnn-spl": ("RNN-SPL",),

@@ -5,14 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from posecast.model.baselines import MeanPose, RunningAverage, ZeroVelocity
+from posecast.model.body_parts import BodyParts
 from posecast.model.controls import ControlLayers
 from posecast.model.convolutional import ConvolutionalBackbone
 from posecast.model.early_reset import EarlyResetGRUBackbone
 from posecast.model.forecaster import Forecaster, Prediction, Residual
 from posecast.model.head import DenseHead, Head
 from posecast.model.lstm import LSTMBackbone
+from posecast.model.parts_head import PartsHead
 from posecast.model.recurrent import Backbone, GRUBackbone, State, Summary
 from posecast.model.rollout import ForecasterPredictor, Rollout, Session, rollout
+from posecast.model.structural_rnn import StructuralRNNBackbone
 from posecast.model.structured import StructuredHead
 
 BACKBONES: dict[str, Callable[..., Backbone]] = {
@@ -20,13 +23,19 @@ BACKBONES: dict[str, Callable[..., Backbone]] = {
     "early_reset_gru": EarlyResetGRUBackbone,
     "gru": GRUBackbone,
     "lstm": LSTMBackbone,
+    "structural_rnn": StructuralRNNBackbone,
 }
-HEADS: dict[str, Callable[..., Head]] = {"dense": DenseHead, "structured": StructuredHead}
+HEADS: dict[str, Callable[..., Head]] = {
+    "dense": DenseHead,
+    "parts": PartsHead,
+    "structured": StructuredHead,
+}
 
 __all__ = [
     "BACKBONES",
     "HEADS",
     "Backbone",
+    "BodyParts",
     "ControlLayers",
     "ConvolutionalBackbone",
     "DenseHead",
@@ -37,12 +46,14 @@ __all__ = [
     "Head",
     "LSTMBackbone",
     "MeanPose",
+    "PartsHead",
     "Prediction",
     "Residual",
     "Rollout",
     "RunningAverage",
     "Session",
     "State",
+    "StructuralRNNBackbone",
     "StructuredHead",
     "Summary",
     "ZeroVelocity",

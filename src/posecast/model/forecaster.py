@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 from collections.abc import Callable
 from typing import Literal, NamedTuple, get_args
@@ -11,11 +12,11 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from posecast.errors import ConfigError
+from posecast.model.body_parts import BodyParts
 from posecast.model.controls import ControlLayers
 from posecast.model.head import Head, layer_sizes, linear_layers, reset_linear, start_linear_at
 from posecast.model.recurrent import Backbone, State
 from posecast.representation import Codec
-from posecast.skeleton import Skeleton
 
 Residual = Literal["none", "add", "compose"]
 
@@ -45,8 +46,11 @@ class Forecaster(nn.Module):
     Args:
         codec: what the features mean; its statistics, if any, standardize what the network reads
             and are undone in what it puts out.
-        backbone: makes the backbone for a number of inputs.
-        head: makes the head for a context size, a skeleton and a number of values a joint.
+        backbone: makes the backbone for a number of inputs; one with a parameter ``skeleton`` gets
+            the joints and ``joint_dim``, too: its inputs are those of the joints, one after the
+            other, then all others.
+        head: makes the head for a context size, a skeleton and a number of values a joint; one with
+            a parameter ``body`` gets the parts that the backbone speaks of.
         residual: ``none``: the network puts out the next pose; ``add``: what to add to the pose it
             read; ``compose``: what to apply to it by the representation's own product (Pavllo et
             al. 2018, section 3.1). Root channels and actions add in both of the latter.
@@ -65,14 +69,17 @@ class Forecaster(nn.Module):
             here does so; a network of any size saves the epochs in which it learns to stand still.
         controls: layers that prepare the controls of a frame for the backbone; ``None``: the
             forecaster takes no controls.
+
+    Raises:
+        ConfigError: an unknown choice, a number out of its range, or parts that do not go together.
     """
 
     def __init__(
         self,
         codec: Codec,
         *,
-        backbone: Callable[[int], Backbone],
-        head: Callable[[int, Skeleton, int], Head],
+        backbone: Callable[..., Backbone],
+        head: Callable[..., Head],
         residual: Residual = "none",
         input_dropout: float = 0.0,
         input_noise: float = 0.0,
@@ -117,9 +124,12 @@ class Forecaster(nn.Module):
         sizes = layer_sizes(codec.feature_dim, projection, "projection")
         self.projection = linear_layers(sizes)
         self.controls = controls
-        self.backbone = backbone(sizes[-1] + (0 if controls is None else controls.output_dim))
+        inputs = sizes[-1] + (0 if controls is None else controls.output_dim)
+        joints = _joints_for(backbone, codec, projected=len(sizes) > 1)
+        self.backbone = backbone(inputs, **joints)
         context_dim = self.backbone.context_dim
-        self.head = head(context_dim, codec.written, codec.representation.joint_dim)
+        parts = _parts_for(head, getattr(self.backbone, "body", None))
+        self.head = head(context_dim, codec.written, codec.representation.joint_dim, **parts)
         self.root = nn.Linear(context_dim, codec.root_dim) if codec.root_dim else None
         self.action = nn.Linear(context_dim, len(codec.actions)) if codec.actions else None
         statistics = codec.statistics
@@ -252,6 +262,32 @@ class Forecaster(nn.Module):
             action = action if self.residual == "none" else base.action + action
         valid = codec.merge(codec.representation.project(joints), root, action)
         return valid, raw, codec.merge(joints, root, action)
+
+
+def _joints_for(
+    backbone: Callable[..., Backbone], codec: Codec, *, projected: bool
+) -> dict[str, object]:
+    """What a backbone that asks for the joints is told of them; for others nothing."""
+    if "skeleton" not in inspect.signature(backbone).parameters:
+        return {}
+    if projected:
+        raise ConfigError(
+            "projection: the backbone reads joints, which a projection mixes; leave projection "
+            "out, or choose another backbone"
+        )
+    return {"skeleton": codec.written, "joint_dim": codec.representation.joint_dim}
+
+
+def _parts_for(head: Callable[..., Head], body: BodyParts | None) -> dict[str, object]:
+    """What a head that asks for the parts of the body is told of them; for others nothing."""
+    if "body" not in inspect.signature(head).parameters:
+        return {}
+    if body is None:
+        raise ConfigError(
+            "head: it reads what is said of each part of the body, but the backbone knows no "
+            "parts; choose backbone structural_rnn, or another head"
+        )
+    return {"body": body}
 
 
 def _draw(how: Callable[..., Tensor], like: Tensor, generator: torch.Generator | None) -> Tensor:

@@ -92,8 +92,8 @@ class Recipe:
         )
         model = self._without("model", MODEL_PARTS)
         check_call(Forecaster, model, where=self._at("model"), provided=("codec", *MODEL_PARTS))
-        self._check_kind(BACKBONES, "model.backbone", ("input_dim",))
-        self._check_kind(HEADS, "model.head", ("context_dim", "skeleton", "joint_dim"))
+        self._check_kind(BACKBONES, "model.backbone", ("input_dim", "skeleton", "joint_dim"))
+        self._check_kind(HEADS, "model.head", ("context_dim", "skeleton", "joint_dim", "body"))
         if config["model"].get("controls") is not None:
             check_call(ControlLayers, config["model"]["controls"], where=self._at("model.controls"))
         check_call(Plan, self._without("training", TRAINING_PARTS), where=self._at("training"))
@@ -228,8 +228,8 @@ class Recipe:
         controls = model.get("controls")
         return Forecaster(
             codec,
-            backbone=partial(self._build, BACKBONES, "model.backbone"),
-            head=partial(self._build, HEADS, "model.head"),
+            backbone=self._maker(BACKBONES, "model.backbone"),
+            head=self._maker(HEADS, "model.head"),
             controls=None if controls is None else ControlLayers(**controls),
             **self._without("model", MODEL_PARTS),
         )
@@ -254,8 +254,12 @@ class Recipe:
         recipe names joints.
         """
         corpus = str(self.config["corpus"]["kind"])
-        head = self.config["model"]["head"]
-        names_joints = self.config["codec"].get("joints") or isinstance(head.get("tree"), Mapping)
+        model = self.config["model"]
+        names_joints = (
+            self.config["codec"].get("joints")
+            or isinstance(model["head"].get("tree"), Mapping)
+            or model["backbone"].get("parts")
+        )
         if corpus not in CORPUS_SKELETONS and names_joints:
             return
         skeleton = CORPUS_SKELETONS.get(corpus, lambda: named_skeleton("h36m-32").skeleton)()
@@ -283,10 +287,14 @@ class Recipe:
         factory, arguments = pick_kind(table, self._section(place), self._at(place))
         check_call(factory, arguments, where=self._at(place), provided=provided)
 
-    def _build(self, table: Mapping[str, Callable[..., Any]], place: str, *arguments: Any) -> Any:
+    def _build(self, table: Mapping[str, Callable[..., Any]], place: str) -> Any:
         """The part that the section at ``place`` names, built."""
+        return self._maker(table, place)()
+
+    def _maker(self, table: Mapping[str, Callable[..., Any]], place: str) -> Callable[..., Any]:
+        """What makes the part that the section at ``place`` names, from what is not said there."""
         factory, options = pick_kind(table, self._section(place), self._at(place))
-        return factory(*arguments, **options)
+        return partial(factory, **options)
 
     def _named(self, place: str, build: Callable[[], Any]) -> Any:
         """``build()``, with the place in the recipe before what it complains about."""
