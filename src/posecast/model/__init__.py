@@ -7,6 +7,7 @@ from collections.abc import Callable
 from posecast.model.baselines import MeanPose, RunningAverage, ZeroVelocity
 from posecast.model.controls import ControlLayers
 from posecast.model.convolutional import ConvolutionalBackbone
+from posecast.model.discriminator import Discriminator
 from posecast.model.early_reset import EarlyResetGRUBackbone
 from posecast.model.forecaster import Forecaster, Prediction, Residual
 from posecast.model.head import DenseHead, Head
@@ -30,6 +31,7 @@ __all__ = [
     "ControlLayers",
     "ConvolutionalBackbone",
     "DenseHead",
+    "Discriminator",
     "EarlyResetGRUBackbone",
     "Forecaster",
     "ForecasterPredictor",
