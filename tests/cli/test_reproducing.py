@@ -119,7 +119,7 @@ def test_every_system_of_a_table_is_a_recipe_or_a_baseline() -> None:
     [
         (("iccv2019-22",), "no table is called 'iccv2019-22'; did you mean 'iccv2019-2'"),
         (("iccv2019-2", "--rows", "RNN-SLP"), "iccv2019-2 has no row 'RNN-SLP'; did you mean"),
-        (("iccv2019-1", "--rows", "AGED [33]"), "there is no recipe for row 'AGED [33]'"),
+        (("iccv2019-1", "--rows", "SRNN [14]"), "there is no recipe for row 'SRNN [14]'"),
         (("iccv2019-2",), "no row has its data; give --root amass=DIR"),
         (("iccv2019-2", "--root", "amass"), "expected KIND=DIR with a corpus among"),
         (("iccv2019-2", "--root", "amass=nowhere"), "nowhere is not a folder"),
