@@ -195,6 +195,7 @@ def train(
         objective=recipe.objective,
         feed=recipe.feed,
         sampling=recipe.sampling,
+        adversary=recipe.adversary,
         folder=folder,
         machines=machines,
         origin=recipe.origin,

@@ -287,6 +287,13 @@ MISTAKES = {
         ["view", "WALK", "--out", "walk.png", "--split-ms", "3000"],
         "--split-ms 3000: expected a time in the clip",
     ),
+    "an adversary that weighs less than nothing": (
+        [
+            *("train", "quaternet-vel-small", "--corpus", "synthetic", "--out", "run"),
+            "training.adversary={continuity: -0.5}",
+        ],
+        "training.adversary: continuity has weight -0.5; expected more than 0",
+    ),
     "a picture nobody can draw": (["view", "WALK", "--out", "walk.docx"], "walk.docx"),
     "an unknown option": (["inspect", "--colour"], "No such option"),
 }

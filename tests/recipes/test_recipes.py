@@ -20,6 +20,7 @@ from posecast.recipe import RECIPES, Recipe, count_parameters, list_recipes, loa
 from posecast.skeleton import Skeleton
 from posecast.skeleton.catalog import named_skeleton
 from posecast.system import load, train
+from posecast.training import Adversary
 
 
 @pytest.mark.parametrize("divide_by", ["deviation", "variance"])
@@ -48,12 +49,12 @@ FILES = sorted(path.stem for path in RECIPES.glob("*.yaml"))
 
 
 def test_the_recipes_are_all_here() -> None:
-    assert len(FILES) == 58
+    assert len(FILES) == 59
     # Every one but the one that is small itself has a small form.
     assert sorted(list_recipes()) == sorted(
         {*FILES, *(f"{name}-small" for name in FILES if not name.endswith("-small"))}
     )
-    assert len(list_recipes()) == 114
+    assert len(list_recipes()) == 116
 
 
 @pytest.mark.parametrize("name", list_recipes())
@@ -272,6 +273,40 @@ def test_the_schedule_of_aksan_et_al() -> None:
         assert (plan.batch, plan.epochs, plan.patience, plan.least_improvement) == (
             *(64, 500, 40, 0.01),
         )
+
+
+def test_aged_is_the_sequence_to_sequence_network_against_two_discriminators() -> None:
+    aged, alone = load_recipe("h36m-aged"), load_recipe("h36m-seq2seq-sampling-sup")
+    assert (aged.plan, aged.feed, aged.sampling) == (alone.plan, alone.feed, alone.sampling)
+    for section in ("fps", "corpus", "representation", "codec", "model", "protocol"):
+        assert aged.config[section] == alone.config[section]
+    # Angles are summed over the horizon and the joints of a prediction, and so are actions.
+    frames, joints = aged.plan.horizon, len(named_skeleton("h36m-21").skeleton)
+    assert aged.objective.terms == {"geodesic": frames * joints, "action": frames * 15}
+    assert aged.adversary == Adversary(fidelity=0.6, continuity=0.6, hidden=1024)
+    assert load_recipe("h36m-aged-small").adversary == Adversary(0.6, 0.6, hidden=256)
+    assert alone.adversary is None
+    assert load_recipe("h36m-aged", ["training.adversary=null"]).adversary is None
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ("adversary={fidelty: 1.0}", "adversary.fidelty: unknown key; did you mean 'fidelity'?"),
+        ("adversary={fidelity: much}", "adversary.fidelity: found 'much', expected a number"),
+        ("adversary={fidelity: -1.0}", "adversary: fidelity has weight -1.0; expected more than 0"),
+        ("adversary={hidden: 16}", "adversary: an adversary needs a weight for fidelity, for"),
+        ("adversary={}", "adversary: an adversary needs a weight for fidelity, for continuity"),
+        ("adversary=0.6", "adversary: found 0.6, expected a section of keys"),
+    ],
+)
+def test_a_mistake_in_an_adversary_stops_before_any_data_is_read(
+    override: str, message: str
+) -> None:
+    with pytest.raises(ConfigError) as caught:
+        load_recipe("quaternet-vel", [f"training.{override}"])
+    assert f"quaternet-vel: training.{message}" in str(caught.value)
+    assert "\n" not in str(caught.value)
 
 
 def test_the_paper_recipes_have_every_constant_of_the_papers() -> None:
@@ -503,6 +538,8 @@ def _shrunk(name: str) -> Recipe:
         overrides += ["training.decay_at=null", "training.optimizer=adam", "training.skip_start=0"]
         if "noise_at" in recipe.config["training"]:
             overrides.append("training.noise_at=[[20, 0.01], [50, 0.02]]")
+        if recipe.adversary is not None:
+            overrides.append("training.adversary.hidden=16")
         if recipe.config["training"]["prefix"] == 1:
             overrides += ["training.prefix=5", "training.horizon=10"]
         if recipe.config["model"].get("projection") is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 import os
 import subprocess
 import sys
@@ -11,6 +12,9 @@ from pathlib import Path
 import pytest
 import torch
 from safetensors.torch import load_file
+
+from posecast.training import STATE, Adversary
+from posecast.training.state import read_state
 
 EPOCHS = 12
 WORKER = Path(__file__).with_name("worker.py")
@@ -51,12 +55,20 @@ def run(*command: str | Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "launcher", ["torchrun", pytest.param("lightning", marks=pytest.mark.slow)]
+    ("launcher", "adversary"),
+    [
+        ("torchrun", None),
+        ("torchrun", {"fidelity": 0.3, "continuity": 0.2, "hidden": 6}),
+        pytest.param("lightning", None, marks=pytest.mark.slow),
+    ],
 )
-def test_two_processes_give_the_evaluation_of_one(tiny, tmp_path, launcher):
-    tiny.train(tmp_path / "one", epochs=EPOCHS)
+def test_two_processes_give_the_evaluation_of_one(tiny, tmp_path, launcher, adversary):
+    opposed = None if adversary is None else Adversary(**adversary)
+    tiny.train(tmp_path / "one", epochs=EPOCHS, adversary=opposed)
     two = tmp_path / "two"
-    arguments = (two, str(EPOCHS), "0")
+    arguments = [two, str(EPOCHS), "0"]
+    if adversary is not None:
+        arguments += ["auto", json.dumps(adversary)]
     if launcher == "torchrun":
         run("-m", "torch.distributed.run", "--standalone", "--nproc-per-node=2", WORKER, *arguments)
     else:
@@ -72,5 +84,11 @@ def test_two_processes_give_the_evaluation_of_one(tiny, tmp_path, launcher):
         load_file(folder / "last" / "weights.safetensors") for folder in (tmp_path / "one", two)
     ]
     assert len(weights[0]) > 4
+    if adversary is not None:
+        states = [read_state(folder / STATE) for folder in (tmp_path / "one", two)]
+        assert len(states[0].discriminators) == 2 * 8
+        weights = [
+            {**found, **state.discriminators} for found, state in zip(weights, states, strict=True)
+        ]
     for name, value in weights[0].items():
         torch.testing.assert_close(weights[1][name], value, rtol=0, atol=TOLERANCE)

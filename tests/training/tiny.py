@@ -18,7 +18,7 @@ from posecast.motion.corpus import Corpus
 from posecast.representation import Codec
 from posecast.representation.rotations import Quaternion
 from posecast.skeleton import Skeleton
-from posecast.training import FitResult, Machines, Objective, Plan, fit
+from posecast.training import Adversary, FitResult, Machines, Objective, Plan, fit
 from posecast.training.feeding import ScheduledSampling
 from posecast.training.losses import euler_l1
 
@@ -102,6 +102,7 @@ def train(
     accelerator: str = "cpu",
     resume: bool = False,
     on_validation: Callable[[], None] = lambda: None,
+    adversary: Adversary | None = None,
     **plan: Any,
 ) -> FitResult:
     """The run that the tests interrupt, resume and spread over processes."""
@@ -128,6 +129,7 @@ def train(
         ),
         objective=Objective({"euler": 1.0, "penalty": 0.01}),
         feed=ScheduledSampling(0.98),
+        adversary=adversary,
         folder=folder,
         machines=Machines(accelerator=accelerator, devices=devices or "auto"),
         validate=validate,

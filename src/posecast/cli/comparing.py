@@ -21,7 +21,7 @@ from posecast.system import System, load, train
 from posecast.training.keeping import BEST, LAST, LOG, VALIDATIONS
 
 PICTURE_MS = 3000  # how much of a forecast the film shows
-FREE_TO_DIFFER = ("objective", "seed", "feedback_gradient")
+FREE_TO_DIFFER = ("objective", "adversary", "seed", "feedback_gradient")
 """Keys of ``training`` that are part of a system, not of the terms it is compared on."""
 
 

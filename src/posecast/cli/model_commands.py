@@ -254,7 +254,7 @@ def reproduce(
     """Train and score what a published table needs, and print its numbers beside ours.
 
     What is trained already in OUT is not trained again, so the same command goes on. Rows whose
-    recordings are not there, and rows without a recipe, are named.
+    recordings are not there are named.
     """
     from posecast.cli.reproducing import list_tables, parse_roots, reproduce_table
     from posecast.training.plan import require_lightning

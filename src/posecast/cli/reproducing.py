@@ -63,7 +63,7 @@ def list_tables() -> str:
     """All tables, and what stands for each of their rows here."""
     blocks: list[str] = []
     for name, table in printed_tables().items():
-        rows = [f"  {row}: {system or 'no recipe'}" for row, system in table.rows.items()]
+        rows = [f"  {row}: {system}" for row, system in table.rows.items()]
         blocks.append("\n".join([f"{name} ({table.protocol}): {table.title}", *rows]))
     return "\n\n".join(blocks)
 
@@ -88,7 +88,7 @@ def reproduce_table(
 
     Args:
         name: of the table, see ``list_tables``.
-        wanted: rows by the paper's names or ours; none: all that there are recipes for.
+        wanted: rows by the paper's names or ours; none: all.
         overrides: of every recipe.
         out: folder.
         roots: folders of corpora, by kind.
@@ -230,8 +230,7 @@ def _to_markdown(
             blocks.append(_part(part, found))
     if not same:
         blocks += [_own(metric, found) for metric in scores.metrics]
-    notes = [f"No recipe: {row}." for row, system in table.rows.items() if system is None]
-    notes += [
+    notes = [
         f"Left out as its recordings are missing: {row} (--root {kind}=DIR)."
         for row, kind in absent.items()
     ]

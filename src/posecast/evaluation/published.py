@@ -60,6 +60,7 @@ PRINTED_NAMES: Mapping[str, tuple[str, ...]] = {
     ),
     "h36m-seq2seq-sampling-spl": ("Seq2seq-sampling-SPL",),
     "h36m-seq2seq-sampling-sup-spl": ("Seq2seq-sampling-sup-SPL",),
+    "h36m-aged": ("Adversarial (Gui et al., ECCV 2018)", "AGED [33]"),
     "h36m-lstm-3lr": (
         "LSTM-3LR (Fragkiadaki et al., CVPR 2015)",
         "LSTM-3LR [12]",

@@ -52,12 +52,12 @@ class PrintedTable(NamedTuple):
     Args:
         name: paper and number, as ``ijcv2019-1``, and the protocol if the table has several.
         parts: one for each metric, with the same systems.
-        rows: printed name of a system -> our recipe or baseline; ``None`` where we have none.
+        rows: printed name of a system -> our recipe or baseline.
     """
 
     name: str
     parts: tuple[PublishedTable, ...]
-    rows: Mapping[str, str | None]
+    rows: Mapping[str, str]
 
     @property
     def protocol(self) -> str:
@@ -109,28 +109,22 @@ def printed_table(name: str) -> PrintedTable:
 
 
 def choose_rows(table: PrintedTable, wanted: Sequence[str]) -> dict[str, str]:
-    """Rows by printed name or by ours -> our recipe or baseline; all that we have for none wanted.
+    """Rows by printed name or by ours -> our recipe or baseline; all of them for none wanted.
 
     Raises:
-        ConfigError: the table has no such row, or we have no system for it.
+        ConfigError: the table has no such row.
     """
-    ours = {row: system for row, system in table.rows.items() if system is not None}
     if not wanted:
-        return ours
+        return dict(table.rows)
     chosen: dict[str, str] = {}
     for each in wanted:
-        rows = [row for row, system in table.rows.items() if each in (row, system)]
+        rows = {row: system for row, system in table.rows.items() if each in (row, system)}
         if not rows:
-            known = {*table.rows, *ours.values()}
+            known = {*table.rows, *table.rows.values()}
             raise ConfigError(f"{table.name} has no row {each!r}; {did_you_mean(each, known)}")
-        if rows[0] not in ours:
-            raise ConfigError(
-                f"{table.name}: there is no recipe for row {each!r}; those there are: "
-                f"{', '.join(ours.values())}"
-            )
-        chosen |= {row: ours[row] for row in rows}
+        chosen |= rows
     return chosen
 
 
-def _ours(protocol: str, printed: str) -> str | None:
-    return _BY_PROTOCOL.get(protocol, _HUMAN36M).get(printed)
+def _ours(protocol: str, printed: str) -> str:
+    return _BY_PROTOCOL.get(protocol, _HUMAN36M)[printed]

@@ -8,6 +8,7 @@ from posecast.model.baselines import MeanPose, RunningAverage, ZeroVelocity
 from posecast.model.body_parts import BodyParts
 from posecast.model.controls import ControlLayers
 from posecast.model.convolutional import ConvolutionalBackbone
+from posecast.model.discriminator import Discriminator
 from posecast.model.early_reset import EarlyResetGRUBackbone
 from posecast.model.forecaster import Forecaster, Prediction, Residual
 from posecast.model.head import DenseHead, Head
@@ -39,6 +40,7 @@ __all__ = [
     "ControlLayers",
     "ConvolutionalBackbone",
     "DenseHead",
+    "Discriminator",
     "EarlyResetGRUBackbone",
     "Forecaster",
     "ForecasterPredictor",

@@ -31,6 +31,7 @@ from posecast.representation import (
 )
 from posecast.skeleton import Skeleton
 from posecast.skeleton.catalog import named_skeleton
+from posecast.training.adversary import Adversary
 from posecast.training.feeding import FEEDS, Feed
 from posecast.training.objective import Objective
 from posecast.training.plan import Plan
@@ -40,7 +41,7 @@ MOST_FPS = 10_000
 TEXTS = ("name", "summary", "source", "expect")
 SECTIONS = ("fps", "corpus", "representation", "codec", "model", "training", "protocol")
 MODEL_PARTS = ("backbone", "head", "controls")
-TRAINING_PARTS = ("feed", "objective", "sampling")
+TRAINING_PARTS = ("feed", "objective", "sampling", "adversary")
 
 CORPUS_SKELETONS: Mapping[str, Callable[[], Skeleton]] = {
     "h36m": lambda: named_skeleton("h36m-32").skeleton,
@@ -100,8 +101,11 @@ class Recipe:
         self._check_kind(FEEDS, "training.feed")
         self._check_kind(SAMPLINGS, "training.sampling")
         check_call(Objective, self._objective, where=self._at("training.objective"))
-        # Built here only for their own checks: all five are small values.
-        _ = self.plan, self.feed, self.sampling, self.objective, self.protocol
+        if config["training"].get("adversary") is not None:
+            place = "training.adversary"
+            check_call(Adversary, self._section(place), where=self._at(place))
+        # Built here only for their own checks: all six are small values.
+        _ = self.plan, self.feed, self.sampling, self.objective, self.adversary, self.protocol
         self._check_network()
 
     def _check_top(self, config: Mapping[str, Any]) -> None:
@@ -149,6 +153,14 @@ class Recipe:
     def objective(self) -> Objective:
         """What training descends."""
         return self._named("training.objective", lambda: Objective(**self._objective))
+
+    @property
+    def adversary(self) -> Adversary | None:
+        """Discriminators that judge the forecaster in training, if the recipe has a section."""
+        if self.config["training"].get("adversary") is None:
+            return None
+        section = self._section("training.adversary")
+        return self._named("training.adversary", lambda: Adversary(**section))
 
     @property
     def _objective(self) -> dict[str, Any]:

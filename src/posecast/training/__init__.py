@@ -1,5 +1,6 @@
 """Losses, feeds, window sampling, and a training run that can be killed and resumed."""
 
+from posecast.training.adversary import Adversary
 from posecast.training.comparison import Comparison
 from posecast.training.feeding import FEEDS, Feed
 from posecast.training.keeping import BEST, LAST, RUN_FILES, STATE, Best
@@ -19,6 +20,7 @@ __all__ = [
     "RUN_FILES",
     "SAMPLINGS",
     "STATE",
+    "Adversary",
     "Best",
     "Comparison",
     "Feed",

@@ -14,6 +14,7 @@ from torch.optim import Optimizer
 from posecast.config import did_you_mean
 from posecast.errors import ConfigError
 from posecast.model.forecaster import Forecaster
+from posecast.training.adversary import Discriminators
 from posecast.training.journal import Display, Table
 from posecast.training.plan import Plan
 from posecast.training.state import TrainingState, optimizer_moments, write_state
@@ -68,6 +69,7 @@ class Keeper:
         begin: the state the run goes on from, if it does.
         validate: scores the forecaster.
         save: writes a checkpoint folder.
+        discriminators: kept with the state, and in no checkpoint; ``None``: there are none.
     """
 
     def __init__(
@@ -80,7 +82,9 @@ class Keeper:
         begin: TrainingState | None,
         validate: Validate | None,
         save: Save | None,
+        discriminators: Discriminators | None = None,
     ) -> None:
+        self.discriminators = discriminators
         self.forecaster, self.plan, self.folder = forecaster, plan, folder
         self.settings, self.validate, self.save = settings, validate, save
         self.begin = 0 if begin is None else begin.epoch
@@ -199,6 +203,7 @@ class Keeper:
 
     def _keep(self, done: int, updates: int, optimizer: Optimizer) -> None:
         """Write the state."""
+        rivals = self.discriminators
         state = TrainingState(
             epoch=done,
             updates=updates,
@@ -207,6 +212,8 @@ class Keeper:
             weights=self.forecaster.state_dict(),
             moments=optimizer_moments(optimizer, self.forecaster),
             waited=None if self.waited is None else self.waited._asdict(),
+            discriminators={} if rivals is None else rivals.networks.state_dict(),
+            discriminator_moments={} if rivals is None else rivals.moments(),
         )
         write_state(state, self.folder / STATE)
         self._saved = time.monotonic()

@@ -7,18 +7,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from typing import Any
 
 import lightning.pytorch as lightning
 import torch
 from torch import Tensor
-from torch.optim import SGD, Adam, Optimizer
+from torch.optim import Optimizer
 
 from posecast.errors import ConfigError
 from posecast.model.forecaster import Forecaster
+from posecast.training.adversary import Discriminators, Pair
 from posecast.training.feeding import Feed
 from posecast.training.objective import Objective
-from posecast.training.sampling import Windows
+from posecast.training.optimizers import OPTIMIZERS
+from posecast.training.sampling import Batch, Windows
 from posecast.training.schedules import (
     LearningRate,
     NoiseLevels,
@@ -26,22 +27,7 @@ from posecast.training.schedules import (
     derived_seed,
 )
 from posecast.training.state import TrainingState, restore_moments
-from posecast.training.step import training_loss
-
-
-def _adam(parameters: Any, rate: float) -> Optimizer:
-    """Adam with its usual moments; one fused kernel where there is one: 25.9 -> 5.5 ms a step."""
-    parameters = list(parameters)
-    fused = all(parameter.device.type in ("cpu", "cuda") for parameter in parameters)
-    return Adam(parameters, lr=rate, fused=fused)
-
-
-def _sgd(parameters: Any, rate: float) -> Optimizer:
-    return SGD(parameters, lr=rate)
-
-
-OPTIMIZERS: dict[str, Callable[[Any, float], Optimizer]] = {"adam": _adam, "sgd": _sgd}
-
+from posecast.training.step import attempt
 
 AfterEpoch = Callable[[int, int, Mapping[str, float], Optimizer], Mapping[str, float]]
 
@@ -61,6 +47,7 @@ class TrainingModule(lightning.LightningModule):
         feedback_gradient: whether predictions that are fed back pass gradients on.
         noise: standard deviation of the noise on the inputs for every update; ``None``: it stays
             what the forecaster has.
+        discriminators: what the forecaster is to deceive; ``None``: its objective is all there is.
         begin: the state to go on from; its weights are in the forecaster already.
         after_epoch: called in the main process with the epochs and updates done, the averages of
             the epoch and the optimizer; what it returns goes to the loggers.
@@ -81,6 +68,7 @@ class TrainingModule(lightning.LightningModule):
         optimizer: str = "adam",
         feedback_gradient: bool = True,
         noise: NoiseLevels | None = None,
+        discriminators: Discriminators | None = None,
         begin: TrainingState | None = None,
         after_epoch: AfterEpoch | None = None,
         is_enough: Callable[[], bool] | None = None,
@@ -96,6 +84,7 @@ class TrainingModule(lightning.LightningModule):
         self.kind = optimizer
         self.feedback_gradient = feedback_gradient
         self.noise = noise
+        self.discriminators = discriminators
         self.begin = begin
         self.after_epoch = after_epoch
         self.is_enough = is_enough
@@ -103,6 +92,7 @@ class TrainingModule(lightning.LightningModule):
         self.epochs = 0 if begin is None else begin.epoch
         self._sums: dict[str, Tensor] = {}
         self._counts: dict[str, float] = {}
+        self._judged: tuple[dict[str, Pair], Batch] | None = None
 
     @property
     def epoch(self) -> int:
@@ -120,6 +110,9 @@ class TrainingModule(lightning.LightningModule):
         optimizer = OPTIMIZERS[self.kind](self.forecaster.parameters(), rate)
         if self.begin is not None:
             restore_moments(optimizer, self.forecaster, self.begin.moments)
+        if self.discriminators is not None:
+            # Theirs is not Lightning's: it would ask for every step to be written out by hand.
+            self.discriminators.start(self.device)
         return optimizer
 
     def on_train_epoch_start(self) -> None:
@@ -139,18 +132,43 @@ class TrainingModule(lightning.LightningModule):
         if self.noise is not None:
             self.forecaster.input_noise = self.noise.at(self.updates)
         mask = self.feed.mask(self.windows.length - self.prefix, self.epoch, draws)
-        loss = training_loss(
+        attempted = attempt(
             self.forecaster,
             motion,
             prefix=self.prefix,
             mask=mask,
-            objective=self.objective,
+            order=self.objective.order,
             feedback_gradient=self.feedback_gradient,
         )
+        loss = self.objective(attempted.comparison)
+        if self.discriminators is not None:
+            pairs = self.discriminators.pairs(attempted)
+            loss = self.discriminators.oppose(loss, pairs)
+            self._judged = pairs, batch
         self._count("loss", loss.total * batch.weight, batch.windows)
         for name, value in loss.terms.items():
             self._count(f"loss/{name}", value * batch.weight, batch.windows)
         return loss.total * batch.weight
+
+    def on_before_optimizer_step(self, optimizer: Optimizer) -> None:
+        """Let the discriminators learn from this step's predictions.
+
+        The forecaster's gradients are formed by now, so the weights they went through may change.
+        """
+        if self.discriminators is None:
+            return
+        assert self._judged is not None
+        pairs, batch = self._judged
+        found = self.discriminators.learn(
+            pairs,
+            weight=batch.weight,
+            epoch=self.epoch,
+            update=self.updates,
+            average=lambda values: self.trainer.strategy.reduce(values, reduce_op="mean"),
+        )
+        for name, value in found.items():
+            self._count(name, value * batch.weight, batch.windows)
+        self._judged = None
 
     def configure_gradient_clipping(
         self,

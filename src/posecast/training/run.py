@@ -19,6 +19,7 @@ import torch
 from posecast.errors import ConfigError, DataError, SkeletonError
 from posecast.model.forecaster import Forecaster
 from posecast.motion.corpus import Corpus
+from posecast.training.adversary import Adversary, Discriminators
 from posecast.training.feeding import Feed
 from posecast.training.keeping import BEST, LAST, RUN_FILES, STATE, Best, Keeper, Save, Validate
 from posecast.training.objective import Objective
@@ -73,6 +74,7 @@ def fit(
     feed: Feed,
     folder: Path,
     sampling: Sampling | None = None,
+    adversary: Adversary | None = None,
     machines: Machines | None = None,
     origin: Mapping[str, Any] | None = None,
     validate: Validate | None = None,
@@ -96,6 +98,7 @@ def fit(
         feed: which steps of a rollout read the truth.
         folder: for checkpoints, logs and the state; made if it is not there.
         sampling: which recordings an epoch sees; ``None``: every one once.
+        adversary: discriminators for the forecaster to deceive; ``None``: there are none.
         machines: processes and devices; ``None``: as found.
         origin: what the forecaster and the corpus were built from, plain values by name; a run is
             only resumed with the same. ``None``: nothing to compare but the shapes of the weights.
@@ -131,10 +134,19 @@ def fit(
         skip_end=plan.skip_end,
         dtype=next(forecaster.parameters()).dtype,
     )
-    settings = _settings(plan, objective, feed, sampling, corpus, origin or {})
+    settings = _settings(plan, objective, feed, sampling, adversary, corpus, origin or {})
     begin = _begin(forecaster, plan, settings, folder, resume=resume)
     keeper = Keeper(
-        forecaster, plan, folder, settings=settings, begin=begin, validate=validate, save=save
+        forecaster,
+        plan,
+        folder,
+        settings=settings,
+        begin=begin,
+        validate=validate,
+        save=save,
+        discriminators=(
+            None if adversary is None else Discriminators(adversary, forecaster, plan, begin)
+        ),
     )
     if begin is not None and (begin.epoch == plan.epochs or keeper.is_enough()):
         main = os.environ.get("RANK", "0") == "0"
@@ -160,6 +172,7 @@ def _settings(
     objective: Objective,
     feed: Feed,
     sampling: Sampling,
+    adversary: Adversary | None,
     corpus: Corpus,
     origin: Mapping[str, Any],
 ) -> dict[str, Any]:
@@ -177,6 +190,8 @@ def _settings(
         "sampling": repr(sampling),
         "corpus": f"{corpus.name}: {len(training)} recordings, {sum(training)} frames",
     }
+    if adversary is not None:
+        settings["adversary"] = asdict(adversary)
     return dict(json.loads(json.dumps(settings)))
 
 
@@ -240,6 +255,7 @@ def _module(
         optimizer=plan.optimizer,
         feedback_gradient=plan.feedback_gradient,
         noise=plan.noise,
+        discriminators=keeper.discriminators,
         begin=begin,
         after_epoch=keeper.after_epoch,
         is_enough=None if plan.patience is None else keeper.is_enough,

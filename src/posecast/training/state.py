@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +34,8 @@ class TrainingState:
         weights: the forecaster's tensors by name.
         moments: the optimizer's tensors, named ``<parameter>/<entry>``.
         waited: how long the run has waited for a better validation; ``None``: none yet.
+        discriminators: tensors of the discriminators by name; empty without an adversary.
+        discriminator_moments: those of their optimizer, named likewise.
     """
 
     epoch: int
@@ -43,6 +45,8 @@ class TrainingState:
     weights: Mapping[str, Tensor]
     moments: Mapping[str, Tensor]
     waited: Mapping[str, float] | None = None
+    discriminators: Mapping[str, Tensor] = field(default_factory=dict)
+    discriminator_moments: Mapping[str, Tensor] = field(default_factory=dict)
 
 
 def write_state(state: TrainingState, path: Path) -> None:
@@ -59,8 +63,15 @@ def write_state(state: TrainingState, path: Path) -> None:
         "best": None if state.best is None else dict(state.best),
         "waited": None if state.waited is None else dict(state.waited),
     }
-    tensors = {f"weights/{name}": value for name, value in state.weights.items()}
-    tensors |= {f"moments/{name}": value for name, value in state.moments.items()}
+    parts = {
+        "weights/": state.weights,
+        "moments/": state.moments,
+        "discriminators/": state.discriminators,
+        "discriminator_moments/": state.discriminator_moments,
+    }
+    tensors = {
+        f"{prefix}{name}": value for prefix, part in parts.items() for name, value in part.items()
+    }
     with atomic_write(path) as temporary:
         # Copies, because the format refuses tensors that share memory, as tied weights do.
         copies = {name: value.detach().cpu().clone() for name, value in tensors.items()}
@@ -95,6 +106,8 @@ def read_state(path: Path) -> TrainingState:
             weights=_below("weights/", tensors),
             moments=_below("moments/", tensors),
             waited=facts.get("waited"),
+            discriminators=_below("discriminators/", tensors),
+            discriminator_moments=_below("discriminator_moments/", tensors),
         )
     except (OSError, SafetensorError, KeyError, TypeError, ValueError) as error:
         raise DataError(

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import torch
-from jaxtyping import Bool
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from posecast.model.forecaster import Forecaster
@@ -13,6 +14,18 @@ from posecast.model.rollout import rollout
 from posecast.motion import Motion
 from posecast.training.comparison import Comparison
 from posecast.training.objective import Loss, Objective
+
+
+class Attempt(NamedTuple):
+    """What a forecaster made of windows in training.
+
+    Args:
+        given: features of the frames it was given.
+        comparison: its predictions beside what really followed.
+    """
+
+    given: Float[Tensor, "batch prefix features"]
+    comparison: Comparison
 
 
 def training_loss(
@@ -36,6 +49,40 @@ def training_loss(
         feedback_gradient: whether predictions that are fed back pass gradients on.
         generator: what input dropout draws from; ``None``: PyTorch's own.
     """
+    return objective(
+        attempt(
+            forecaster,
+            motion,
+            prefix=prefix,
+            mask=mask,
+            order=objective.order,
+            feedback_gradient=feedback_gradient,
+            generator=generator,
+        ).comparison
+    )
+
+
+def attempt(
+    forecaster: Forecaster,
+    motion: Motion,
+    *,
+    prefix: int,
+    mask: Bool[Tensor, "horizon"] | Sequence[bool],
+    order: str,
+    feedback_gradient: bool = True,
+    generator: torch.Generator | None = None,
+) -> Attempt:
+    """Roll a forecaster out over windows, the truth beside it.
+
+    Args:
+        forecaster: what is trained; its codec writes the windows as features.
+        motion: windows of ``prefix`` frames and the horizon after them.
+        prefix: frames that are given, at least one.
+        mask: one boolean a step of the horizon, see ``feeding``.
+        order: Euler order of the terms that measure angles.
+        feedback_gradient: whether predictions that are fed back pass gradients on.
+        generator: what input dropout draws from; ``None``: PyTorch's own.
+    """
     codec = forecaster.codec
     # Encoded in one piece, so that signs are continuous from the prefix into the horizon.
     features = codec.encode(motion)
@@ -49,7 +96,8 @@ def training_loss(
         feedback_gradient=feedback_gradient,
         generator=generator,
     )
-    return objective(
+    return Attempt(
+        given,
         Comparison(
             codec=codec,
             predicted=found.features,
@@ -59,6 +107,6 @@ def training_loss(
             scale=forecaster.scale,
             target=truth,
             offsets=codec.choose(motion.offsets),
-            order=objective.order,
-        )
+            order=order,
+        ),
     )
