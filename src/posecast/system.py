@@ -252,6 +252,11 @@ def _check_validation(recipe: Recipe, corpus: Corpus) -> None:
                 f"training.select_best_by: {wanted!r}, but corpus {corpus.name!r} has no "
                 "validation clips to measure it on; leave it out"
             )
+        if recipe.plan.patience is not None:
+            raise ConfigError(
+                f"training.patience: {recipe.plan.patience}, but corpus {corpus.name!r} has no "
+                "validation clips to wait for; leave it out"
+            )
         return
     protocol = recipe.protocol
     protocol.windows(corpus, "validation")

@@ -322,6 +322,14 @@ def test_training_ends_early_when_validation_has_not_improved_for_long(
     assert len((tmp_path / "log.csv").read_text().splitlines()) == 1 + epochs
 
 
+def test_a_run_that_creeps_downwards_ends(tiny, tmp_path, monkeypatch):
+    # Each is lower than the best before it by less than a hundredth, the fourth than the first by
+    # more.
+    falling_then_rising([5.0, 4.98, 4.96, 4.94, 4.92, 4.9, 4.88], tiny, monkeypatch)
+    found = tiny.train(tmp_path, epochs=7, patience=5, least_improvement=0.01)
+    assert (found.epochs, found.best.epoch) == (6, 6)
+
+
 def test_a_run_that_goes_on_has_not_forgotten_how_long_it_waited(tiny, tmp_path, monkeypatch):
     falling_then_rising(VALUES, tiny, monkeypatch)
     waiting = {"patience": 3, "least_improvement": 0.01}

@@ -28,14 +28,15 @@ from posecast.evaluation.published import PublishedTable
 from posecast.evaluation.report import markdown_rows
 from posecast.evaluation.reproduced import (
     PrintedTable,
+    caveat,
     choose_rows,
     printed_table,
     printed_tables,
+    small_form,
 )
 from posecast.evaluation.scores import AVERAGE
 from posecast.motion.corpus import Corpus
 from posecast.recipe import Recipe, load_recipe
-from posecast.recipe.files import SMALL
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,41 +111,81 @@ def reproduce_table(
         raise ConfigError("name and training.seed tell the runs apart; leave them out")
     table = printed_table(name)
     rows = choose_rows(table, wanted)
-    recipes = {
-        row: [
-            load_recipe(
-                f"{system}{SMALL}" if small else system,
-                [*overrides, f"training.seed={seed}"],
-                corpus=corpus,
-            )
-            for seed in range(seeds)
-        ]
-        for row, system in rows.items()
-        if system not in BASELINE_NAMES
-    }
-    ready = {row: runs for row, runs in recipes.items() if _has_data(runs[0], roots)}
-    absent = {row: _kind(runs[0]) for row, runs in recipes.items() if row not in ready}
-    if not ready:
-        kinds = sorted(set(absent.values())) or ["(baselines alone: name a row to train)"]
+
+    def load(system: str, seed: int) -> Recipe:
+        return _load(system, [*overrides, f"training.seed={seed}"], roots, corpus, small=small)
+
+    trained = [row for row, system in rows.items() if system not in BASELINE_NAMES]
+    recipes = {row: [load(rows[row], seed) for seed in range(seeds)] for row in trained}
+    # Baselines are scored as the systems beside them, or as the table's first would be.
+    beside = next(system for system in table.rows.values() if system not in BASELINE_NAMES)
+    first = recipes[trained[0]][0] if trained else load(beside, 0)
+    absent = {row: _kind(runs[0]) for row, runs in recipes.items() if not _has_data(runs[0], roots)}
+    if len(absent) == len(trained) and not _has_data(first, roots):
+        kinds = table.corpora if corpus is None else (corpus,)
         raise ConfigError(
-            f"{name}: no row has its data; give " + ", ".join(f"--root {k}=DIR" for k in kinds)
+            f"{name}: no row has its data; give " + " or ".join(f"--root {k}=DIR" for k in kinds)
         )
-    data = _read(ready.values(), roots)
-    for runs in ready.values():
-        _protocol(table, runs[0]).windows(data[_key(runs[0])])
-    found = [_train(row, runs, table, data, out, progress) for row, runs in ready.items()]
-    first = next(iter(ready.values()))[0]
+    ready = {row: runs for row, runs in recipes.items() if row not in absent}
+    first = next(iter(ready.values()))[0] if ready else first
+    keys = {each.partition("=")[0].strip() for each in overrides} - {"protocol.metrics"}
+    own = any(key.split(".")[0] == "protocol" for key in keys)
+    protocol = _one_protocol(table, first, ready, own=own)
+    data = _read([[first], *ready.values()], roots)
+    for each in data.values():
+        protocol.windows(each)
+    found: list[Found] = []
     for row, system in rows.items():
-        if system in BASELINE_NAMES:
-            corpus_read, protocol = data[_key(first)], _protocol(table, first)
-            baseline = make_baseline(system, corpus_read)
-            scores = protocol.score(baseline, corpus_read, system=system)
-            found.insert(0, Found(row, system, (scores,), baseline))
-    _draw(found, _protocol(table, first), data[_key(first)], out / f"{name}.png")
-    text = _to_markdown(table, found, absent, ready, data)
+        if row in ready:
+            runs = ready[row]
+            found.append(_train(row, runs, protocol, data[_key(runs[0])], out, progress))
+        elif system in BASELINE_NAMES:
+            baseline = make_baseline(system, data[_key(first)])
+            scores = protocol.score(baseline, data[_key(first)], system=system)
+            found.append(Found(row, system, (scores,), baseline))
+    _draw(found, protocol, data[_key(first)], out / f"{name}.png")
+    comparable = not own and _kind(first) in table.corpora
+    text = _to_markdown(table, found, absent, ready, data, comparable=comparable)
     write(out / f"{name}.md", text)
-    write(out / f"{name}.json", json.dumps(_to_json(table, found), indent=1) + "\n")
+    write(out / f"{name}.json", json.dumps(_to_json(table, found, comparable), indent=1) + "\n")
     return text
+
+
+def _load(
+    system: str,
+    overrides: Sequence[str],
+    roots: Mapping[str, Path],
+    corpus: str | None,
+    *,
+    small: bool,
+) -> Recipe:
+    """A recipe, on the first release of AMASS if that is what there is of AMASS."""
+    name = small_form(system) if small else system
+    if corpus is None and "amass-first" in roots and "amass" not in roots:
+        given = load_recipe(name, overrides)
+        corpus = "amass-first" if _kind(given) == "amass" else None
+    return load_recipe(name, overrides, corpus=corpus)
+
+
+def _one_protocol(
+    table: PrintedTable, first: Recipe, ready: Mapping[str, Sequence[Recipe]], *, own: bool
+) -> Protocol:
+    """The table's protocol, or that which somebody gave or a corpus of another kind needs.
+
+    Raises:
+        ConfigError: rows would be scored under different ones, or on different corpora.
+    """
+    made = {row: _protocol(table, runs[0], own=own) for row, runs in ready.items()}
+    chosen = _protocol(table, first, own=own)
+    for row, runs in ready.items():
+        alike = repr(made[row]) == repr(chosen) and _kind(runs[0]) == _kind(first)
+        if not alike or runs[0].fps != first.fps:
+            raise ConfigError(
+                f"{table.name}: rows {next(iter(ready))!r} and {row!r} would be scored under "
+                "different protocols or on different corpora; give the same corpus and "
+                "protocol={kind: ..., ...} for all, or do them one by one"
+            )
+    return chosen
 
 
 def _kind(recipe: Recipe) -> str:
@@ -172,25 +213,26 @@ def _read(recipes: Any, roots: Mapping[str, Path]) -> dict[str, Corpus]:
     return data
 
 
-def _protocol(table: PrintedTable, recipe: Recipe) -> Protocol:
-    """That of the table with its horizons; the recipe's own where that is another."""
-    if recipe.protocol.name != table.protocol:
+def _protocol(table: PrintedTable, recipe: Recipe, *, own: bool) -> Protocol:
+    """That of the table with its horizons; the recipe's where that is wanted or must be."""
+    if own or _kind(recipe) not in table.corpora:
         return recipe.protocol
-    options = {**recipe.config["protocol"], "horizons_ms": list(table.horizons_ms)}
-    return build_protocol(**options)
+    options = dict(recipe.config["protocol"])
+    if options["kind"] != table.protocol:
+        options = {"kind": table.protocol}
+    return build_protocol(**{**options, "horizons_ms": list(table.horizons_ms)})
 
 
 def _train(
     row: str,
     runs: Sequence[Recipe],
-    table: PrintedTable,
-    data: Mapping[str, Corpus],
+    protocol: Protocol,
+    corpus: Corpus,
     out: Path,
     progress: bool,
 ) -> Found:
     """All seeds of a row."""
-    corpus = data[_key(runs[0])]
-    done: Contestant = contest(runs, corpus, _protocol(table, runs[0]), out, progress=progress)
+    done: Contestant = contest(runs, corpus, protocol, out, progress=progress)
     return Found(
         row,
         runs[0].name,
@@ -207,28 +249,26 @@ def _to_markdown(
     absent: Mapping[str, str],
     ready: Mapping[str, Sequence[Recipe]],
     data: Mapping[str, Corpus],
+    *,
+    comparable: bool,
 ) -> str:
     """What was done, a table of costs, then one a metric with the paper's numbers above ours."""
     plans = {runs[0].name: runs[0].plan for runs in ready.values()}
     corpora = sorted({corpus.name for corpus in data.values()})
     scores = found[-1].runs[0]
-    same = scores.protocol == table.protocol
-    blocks = [
-        f"# {table.name}: {table.title}",
+    known = [note for corpus in data.values() if (note := caveat(corpus.name))]
+    lead = [
         f"Ours: corpus {', '.join(corpora)}, protocol {scores.protocol}; mean ± standard deviation "
-        "over seeds. "
-        + (
-            ""
-            if same
-            else f"The paper's protocol is {table.protocol}: its numbers are of other "
-            "data and say nothing of ours."
-        ),
-        markdown_rows(_costs(found, plans)),
+        "over seeds.",
+        *(known if comparable else [_unlike(table, scores, corpora)]),
     ]
-    for part in table.parts:
-        if same and part.metric in scores.metrics:
-            blocks.append(_part(part, found))
-    if not same:
+    blocks = [f"# {table.name}: {table.title}", " ".join(lead)]
+    if any(each.parameters is not None for each in found):
+        blocks.append(markdown_rows(_costs(found, plans)))
+    if comparable:
+        measured = [part for part in table.parts if part.metric in scores.metrics]
+        blocks += [_part(part, found) for part in measured]
+    else:
         blocks += [_own(metric, found) for metric in scores.metrics]
     notes = [
         f"Left out as its recordings are missing: {row} (--root {kind}=DIR)."
@@ -237,6 +277,17 @@ def _to_markdown(
     notes += [*scores.notes, *(note for corpus in data.values() for note in corpus.notes)]
     blocks.append("\n".join(f"- {note}" for note in dict.fromkeys(notes)))
     return "\n\n".join(block for block in blocks if block) + "\n"
+
+
+def _unlike(table: PrintedTable, scores: Scores, corpora: Sequence[str]) -> str:
+    """Why the paper's numbers are left out."""
+    if scores.protocol != table.protocol:
+        what = f"protocol is {table.protocol}"
+    elif set(corpora) <= set(table.corpora):
+        what = f"{table.protocol} has other options"
+    else:
+        what = f"recordings are not those of {', '.join(corpora)}"
+    return f"The paper's {what}: its numbers say nothing of ours, and are left out."
 
 
 def _costs(found: Sequence[Found], plans: Mapping[str, Any]) -> list[list[str]]:
@@ -312,12 +363,13 @@ def _ours(
     return [tuple(run.value(metric, horizon, action) for run in found.runs) for horizon in horizons]
 
 
-def _to_json(table: PrintedTable, found: Sequence[Found]) -> dict[str, Any]:
+def _to_json(table: PrintedTable, found: Sequence[Found], comparable: bool) -> dict[str, Any]:
     """All numbers by name, those of every seed included."""
     return {
         "table": table.name,
         "title": table.title,
         "protocol": table.protocol,
+        "comparable": comparable,
         "rows": [
             {
                 "row": each.printed,

@@ -81,14 +81,16 @@ def h36m(
     trajectory: Literal["increments", "world"] = "increments",
     validation: Literal["6", "11", 6, 11] | None = None,
     copies: Literal["drop", "keep"] = "drop",
+    phases: Literal["both", "even"] = "both",
     check_lengths: bool = True,
     progress: Progress | None = None,
     workers: int = 0,
 ) -> Corpus:
     """Subjects 1, 6, 7, 8, 9, 11 for training, 5 for testing; 25 frames per second.
 
-    50 frames per second are halved by taking even and odd frames: training has both copies, test
-    and validation the even one (label ``phase`` "0") alone. Labels: subject, action, recording.
+    50 frames per second are halved by taking even and odd frames: training has both copies, if
+    nothing else is said, test and validation the even one (label ``phase`` "0") alone. Labels:
+    subject, action, recording.
 
     Args:
         root: folder with ``S1`` ... ``S11``, or one above it.
@@ -101,6 +103,8 @@ def h36m(
         copies: eight training recordings in circulation are byte for byte recordings of the test
             subject. ``"drop"`` leaves those that are found out of training and validation;
             ``"keep"`` trains on them, as everybody did.
+        phases: copies to train on: ``"both"``, as Pavllo et al. and Jain et al. do, or ``"even"``,
+            as Martinez et al. and Aksan et al.
         check_lengths: leave out test recordings that are too short for the published windows, and
             call them missing.
         progress: called with files read and files in all.
@@ -125,7 +129,12 @@ def h36m(
     clips = loaded.clips
     short = _too_short(clips) if check_lengths else ()
     chosen = file_splits([name for name in files if name not in short], validation)
-    by_split = split_clips(clips, lambda clip: chosen.get(clip.labels["file"]))
+
+    def use(clip: Clip) -> str | None:
+        odd = clip.labels.get("phase", "0") != "0"
+        return None if odd and phases == "even" else chosen.get(clip.labels["file"])
+
+    by_split = split_clips(clips, use)
     notes = [*loaded.notes, *_notes(twins, copies == "drop", short)]
     missing = tuple(name for name in FILES if name not in files or name in short)
     return Corpus("h36m", clips, by_split, missing, tuple(notes))

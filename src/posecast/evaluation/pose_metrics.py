@@ -71,7 +71,7 @@ def joint_angle(predicted: Motion, target: Motion, scene: Scene) -> Float[Tensor
     The root's rotation is set to the identity in both. An error at a shoulder counts again at
     the elbow and the hand.
 
-    Source: Aksan et al., ICCV 2019, section 4.1 (its tables print the sum over frames).
+    Source: Aksan et al., ICCV 2019, Table 2 (which prints the sum over frames).
     """
     angles = quaternion.angle(
         local_to_root(scene.skeleton, _without_root(predicted)),
@@ -86,7 +86,7 @@ def position(predicted: Motion, target: Motion, scene: Scene) -> Float[Tensor, "
     Forward kinematics with the root at the origin, its rotation set to the identity, and the
     offsets of the target for both. Body pose only: where the body is and faces does not count.
 
-    Source: Aksan et al., ICCV 2019, section 4.1, in metres instead of thigh lengths.
+    Source: Aksan et al., ICCV 2019, Table 2, in metres instead of thigh lengths.
     """
     return scene.mean_of_joints(joint_distances(predicted, target, scene))
 
@@ -106,7 +106,7 @@ def velocity(predicted: Motion, target: Motion, scene: Scene) -> Float[Tensor, "
     Velocities are first differences of the positions of ``position``; that of the first predicted
     frame starts from the last true frame.
 
-    Source: Pavllo et al., IJCV 2019, section 4.4, there per frame instead of per second.
+    Source: Pavllo et al., IJCV 2019, its long-term results, there per frame instead of per second.
     """
     last = Motion(
         scene.prefix.rotations_local[:, -1:], scene.prefix.root_positions[:, -1:], target.offsets

@@ -214,7 +214,7 @@ def h36m_standard(horizons_ms: Sequence[Milliseconds] = SHORT_TERM_MS) -> Protoc
 def h36m_128(horizons_ms: Sequence[Milliseconds] = SHORT_TERM_MS) -> Protocol:
     """As ``h36m-standard`` with 128 windows a recording, 256 an action: far less chance in it.
 
-    Source: Pavllo et al., IJCV 2019, section 4.2 and Table 2.
+    Source: Pavllo et al., IJCV 2019, Table 2.
     """
     return _h36m("h36m-128", 128, horizons_ms)
 

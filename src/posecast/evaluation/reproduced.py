@@ -44,6 +44,16 @@ _HUMAN36M: Mapping[str, str] = {
     printed: ours for ours, names in PRINTED_NAMES.items() for printed in names
 }
 _BY_PROTOCOL: Mapping[str, Mapping[str, str]] = {"amass-spl": _AMASS, "cmu-acrnn": _ACRNN}
+_RECORDINGS: Mapping[str, tuple[str, ...]] = {
+    "amass-spl": ("amass-first", "amass"),
+    "cmu-acrnn": ("cmu-salsa",),
+}
+_DIFFERENT: Mapping[str, str] = {
+    "amass": "The paper's recordings are those of the first release of AMASS (amass-first); "
+    "today's archives have others, so its numbers are near ours at best.",
+    "cmu-salsa": "The paper's recordings are probably those of another subject, so its numbers say "
+    "little of ours.",
+}
 
 
 class PrintedTable(NamedTuple):
@@ -63,6 +73,11 @@ class PrintedTable(NamedTuple):
     def protocol(self) -> str:
         """Name of the protocol."""
         return self.parts[0].protocol
+
+    @property
+    def corpora(self) -> tuple[str, ...]:
+        """Corpora that the paper's numbers may stand beside, the nearest to the paper's first."""
+        return _RECORDINGS.get(self.protocol, ("h36m",))
 
     @property
     def horizons_ms(self) -> tuple[Milliseconds, ...]:
@@ -124,6 +139,17 @@ def choose_rows(table: PrintedTable, wanted: Sequence[str]) -> dict[str, str]:
             raise ConfigError(f"{table.name} has no row {each!r}; {did_you_mean(each, known)}")
         chosen |= rows
     return chosen
+
+
+def small_form(system: str) -> str:
+    """Name of the small form of a recipe, on the recordings of the recipe itself."""
+    # quaternet-vel-small is another system, that of the demo.
+    return "quaternet-vel-h36m-small" if system == "quaternet-vel" else f"{system}-small"
+
+
+def caveat(corpus: str) -> str | None:
+    """What is to be said where the paper's recordings are not quite those of a corpus."""
+    return _DIFFERENT.get(corpus)
 
 
 def _ours(protocol: str, printed: str) -> str:

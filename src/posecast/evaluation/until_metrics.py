@@ -54,7 +54,7 @@ def euler_inverse(predicted: Motion, target: Motion, scene: Scene) -> Float[Tens
     al. 2017 that Aksan et al. 2019 use takes rotations of row vectors, as Human3.6M's are; those of
     AMASS are not, and are handed to it all the same.
 
-    Source: Aksan et al. 2019, section 4.1, code.
+    Source: Aksan et al. 2019, as their code has it.
     """
     found, true = (
         quaternion_to_euler(quaternion.conjugate(motion.rotations_local), order="zyx")
@@ -89,7 +89,7 @@ def position_thighs(
 ) -> Float[Tensor, "batch frames"]:
     """Distance between joint positions in thighs, mean over the joints that count.
 
-    Source: Aksan et al. 2019, section 4.1.
+    Source: Aksan et al. 2019, Table 2.
     """
     return distances_in_thighs(predicted, target, scene).mean(-1)
 
@@ -124,7 +124,7 @@ class CorrectKeypointsArea:
     6, 12 and 18 frames, 0.3 from there on, so that areas at different horizons say nothing of each
     other.
 
-    Source: Aksan et al. 2019, section 4.1 and Table 2, code.
+    Source: Aksan et al. 2019, Table 2, as their code has it.
     """
 
     name: str = "pck_auc"

@@ -77,7 +77,7 @@ def legacy_starts(frames: tuple[int, int], pairs: int) -> tuple[tuple[int, int],
     Returns:
         ``2 * pairs`` times (recording, start), recording 0 or 1.
 
-    Source: Martinez et al., CVPR 2017 (code); Pavllo et al., IJCV 2019, section 4.1.
+    Source: Martinez et al., CVPR 2017 (code); Pavllo et al., IJCV 2019, Tables 1 and 2.
     """
     # The published windows are those of the old generator, so the new one would not do.
     draw = np.random.RandomState(LEGACY_SEED)

@@ -63,7 +63,7 @@ def matrix_to_quaternion(matrix: Float[Tensor, "*batch 3 3"]) -> Float[Tensor, "
 
 
 def matrix_to_ortho6d(matrix: Float[Tensor, "*batch 3 3"]) -> Float[Tensor, "*batch 6"]:
-    """First column of a rotation matrix, then its second (Zhou et al. 2019, section 4.2)."""
+    """First column of a rotation matrix, then its second (Zhou et al. 2019)."""
     return matrix[..., :2].transpose(-1, -2).flatten(-2)
 
 

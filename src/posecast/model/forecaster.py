@@ -61,6 +61,9 @@ class Forecaster(nn.Module):
             network so learns to come back (Fragkiadaki et al. 2015, whose standard deviation grows
             in training: see ``Plan.noise_at``).
         input_noise_share: share of the frames, drawn for each sequence, that get noise.
+        feedback: what is read of a prediction in a rollout: ``valid`` features, or what was
+            ``emitted`` before they were projected, so that matrices, say, drift from rotations as
+            with the code of Aksan et al. 2019.
         projection: sizes of linear layers before the backbone, or of the only one, rectified
             units but for the last; ``None``: no such layer.
         projection_activation: what follows the last of them: nothing, or rectification.
@@ -84,6 +87,7 @@ class Forecaster(nn.Module):
         input_dropout: float = 0.0,
         input_noise: float = 0.0,
         input_noise_share: float = 1.0,
+        feedback: Literal["valid", "emitted"] = "valid",
         projection: int | list[int] | None = None,
         projection_activation: Literal["none", "relu"] = "none",
         still_start: bool = False,
@@ -105,6 +109,8 @@ class Forecaster(nn.Module):
             raise ConfigError(
                 f"input_noise_share: {input_noise_share} is no share; expected 0 < it <= 1"
             )
+        if feedback not in ("valid", "emitted"):
+            raise ConfigError(f"feedback: {feedback!r} is not known; choose 'valid' or 'emitted'")
         if projection_activation not in ("none", "relu"):
             raise ConfigError(
                 f"projection_activation: {projection_activation!r} is not known; "
@@ -120,6 +126,7 @@ class Forecaster(nn.Module):
         self.input_dropout = input_dropout
         self.input_noise = input_noise
         self.input_noise_share = input_noise_share
+        self.feedback: Literal["valid", "emitted"] = feedback
         self.rectify_projection = projection_activation == "relu"
         sizes = layer_sizes(codec.feature_dim, projection, "projection")
         self.projection = linear_layers(sizes)

@@ -100,7 +100,8 @@ class Session:
             self.unread, self.state, self.controls, last=last, generator=self.generator
         )
         self.state = prediction.state
-        newest = prediction.features[:, -1:]
+        said = prediction.emitted if self.forecaster.feedback == "emitted" else prediction.features
+        newest = said[:, -1:]
         self.unread = newest if self.feedback_gradient else newest.detach()
         self.controls = None
         return prediction

@@ -254,7 +254,7 @@ class Codec:
         Args:
             motions: usually the training split, in pieces of any size.
             divide_by: ``deviation``, or ``variance`` as Aksan et al. (2019) did in their code.
-            least: a feature whose scale would be smaller hardly moves and is not scaled.
+            least: a feature whose deviation is smaller hardly moves and is not scaled.
         """
         count, total, squares = 0, torch.zeros(()), torch.zeros(())
         for motion in motions:
@@ -266,9 +266,10 @@ class Codec:
             raise ConfigError("codec.measure: no frames to take statistics of")
         mean = total / count
         scale = (squares / count - mean.square()).clamp_min(0)
+        still = scale < least**2
         if divide_by == "deviation":
             scale = scale.sqrt()
-        scale = torch.where(scale < least, torch.ones_like(scale), scale)
+        scale = torch.where(still, torch.ones_like(scale), scale)
         told = len(self.actions)
         mean[len(mean) - told :], scale[len(scale) - told :] = 0, 1
         return Statistics(mean, scale)

@@ -50,8 +50,8 @@ class Waited(NamedTuple):
     """How long a run has waited for a better validation.
 
     Args:
-        mark: value to beat.
-        validations: in a row that did not.
+        mark: lowest value so far.
+        validations: in a row that were not lower by enough.
     """
 
     mark: float
@@ -188,12 +188,17 @@ class Keeper:
         return True
 
     def _wait(self, value: float) -> None:
-        """Count a validation that is not lower than the mark by enough; one that is sets it."""
+        """Count a validation that is not lower than all before by enough.
+
+        One that is lower, if only by little, is what the next must be below: a run that creeps
+        downwards ends, as with the code of Aksan et al. 2019.
+        """
         least = 1 - self.plan.least_improvement
         if self.waited is None or value < self.waited.mark * least:
             self.waited = Waited(value, 0)
         else:
-            self.waited = Waited(self.waited.mark, self.waited.validations + 1)
+            mark, validations = self.waited
+            self.waited = Waited(min(mark, value), validations + 1)
 
     def _due(self, done: int) -> bool:
         """Whether a state is to be saved now; the first is, so that an early kill costs little."""

@@ -55,7 +55,7 @@ def quaternion_dot(
 
     Depends on signs, as published: prediction and target must lie on one hemisphere.
 
-    Source: Pavllo et al. 2019 (IJCV), section 4.1, the variant trained with teacher forcing only.
+    Source: Pavllo et al. 2019 (IJCV), the variant trained with teacher forcing only.
     """
     return (1 - (predicted * target).sum(-1)).mean()
 

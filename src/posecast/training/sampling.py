@@ -88,6 +88,8 @@ class RandomRecordings:
     def __post_init__(self) -> None:
         if self.steps_per_epoch is not None and self.steps_per_epoch < 1:
             raise ConfigError(f"steps_per_epoch is {self.steps_per_epoch}: expected >= 1")
+        if self.weight not in ("length", "equal"):
+            raise ConfigError(f"weight: {self.weight!r} is not known; choose 'length' or 'equal'")
 
     def steps(self, recordings: int, batch: int) -> int:
         """As set, or as many as would hold every recording once."""
