@@ -204,6 +204,11 @@ def test_nothing_is_the_best_without_validation(
     other = Recipe(merge(recipe.config, parse_overrides(["training.select_best_by=euler"])))
     with pytest.raises(ConfigError, match="has no validation clips to measure it on"):
         train(other, bare, tmp_path, progress=False)
+    other = Recipe(merge(recipe.config, parse_overrides(["training.patience=3"])))
+    with pytest.raises(
+        ConfigError, match=r"training\.patience: 3, but corpus .* has no validation"
+    ):
+        train(other, bare, tmp_path, progress=False)
 
 
 def test_a_corpus_at_another_rate_is_refused(recipe: Recipe, tmp_path: Path) -> None:

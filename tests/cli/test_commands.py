@@ -339,7 +339,9 @@ def test_several_names_with_a_baseline_among_them_are_refused(
 ) -> None:
     outcome = posecast("evaluate", "zero-velocity", "running-average-2", "--corpus", "synthetic")
     assert outcome.code == 2
-    assert "'zero-velocity' is a baseline, and all of them are in every table" in outcome.err
+    assert (
+        "'zero-velocity' is a baseline, and those of the protocol are in every table" in outcome.err
+    )
 
 
 def test_a_body_without_bones_is_not_drawn_and_is_noted_where_it_is_written(

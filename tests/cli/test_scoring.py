@@ -89,3 +89,48 @@ def test_a_system_is_scored_on_its_own_joints_only(run: str, tmp_path: Path) -> 
     theirs = walks(tmp_path / "theirs", str.upper)
     with pytest.raises(SkeletonError, match=r"lacks .*Hips.*has besides .*HIPS"):
         score_systems([run], corpus="folder", root=theirs, protocol=None, split="test")
+
+
+def test_options_of_corpus_and_protocol_may_be_given(run: str) -> None:
+    changes = ["protocol.horizons_ms=[400]", "protocol.joints=[Head]", "corpus.clips=24"]
+    changes += ["protocol.metrics=[joint_angle_sum]", "corpus.seconds=4.0"]
+    for name in (run, "zero-velocity"):
+        report = score_systems(
+            [name, *changes], corpus="synthetic", root=None, protocol=None, split="test"
+        )
+        scores = report.runs[0]
+        assert (scores.horizons_ms, scores.metrics) == ((400,), ("joint_angle_sum",))
+        assert len(scores.joints_left_out["joint_angle_sum"]) > 10
+
+
+def test_the_amass_metrics_are_for_any_skeleton() -> None:
+    protocol = "amass-spl"
+    with pytest.raises(ConfigError, match="set joints to null for all but the root"):
+        score_systems(
+            ["zero-velocity"], corpus="synthetic", root=None, protocol=protocol, split="test"
+        )
+    report = score_systems(
+        ["zero-velocity", "protocol.joints=null"],
+        corpus="synthetic",
+        root=None,
+        protocol=protocol,
+        split="test",
+    )
+    assert report.runs[0].value("joint_angle_sum", 400, "all") > 0.1
+
+
+@pytest.mark.parametrize(
+    ("option", "message"),
+    [
+        ("training.epochs=3", "training: scoring has options of corpus and protocol alone"),
+        ("protocol=h36m-128", "protocol: scoring has options of corpus and protocol alone"),
+        ("protocol.kind=h36m-128", "protocol.kind: give it as --protocol"),
+        ("protocol.jonts=null", "protocol.jonts: unknown key; did you mean 'joints'?"),
+        ("corpus.cilps=3", "did you mean 'clips'?"),
+    ],
+)
+def test_options_of_something_else_are_refused(option: str, message: str) -> None:
+    with pytest.raises(ConfigError, match=re.escape(message)):
+        score_systems(
+            ["zero-velocity", option], corpus="synthetic", root=None, protocol=None, split="test"
+        )

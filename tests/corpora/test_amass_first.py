@@ -8,9 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from posecast.cli.main import main
 from posecast.corpora import build_corpus
+from posecast.corpora.doctor import examine
 from posecast.errors import DataError
 from posecast.evaluation import build_protocol
+from posecast.io import read_clip
 from posecast.model import ZeroVelocity
 
 LISTS = ("training", "validation", "test")
@@ -88,3 +91,24 @@ def test_a_missing_list_or_folder_is_named(root, tmp_path):
     (tmp_path / "empty").mkdir()
     with pytest.raises(DataError, match="no motion of the first release"):
         build_corpus("amass-first", root=tmp_path / "empty", cache=False)
+
+
+def test_a_recording_is_a_file_like_others(root, tmp_path, capsys):
+    for arguments in (
+        ("inspect", root / "ACCAD" / "walk.pkl"),
+        ("convert", root / "ACCAD" / "walk.pkl", tmp_path / "walk.npz"),
+        ("doctor", root),
+    ):
+        with pytest.raises(SystemExit) as stopped:
+            main([str(argument) for argument in arguments])
+        assert not stopped.value.code
+    said = capsys.readouterr().out
+    assert f"{root}: amass-first" in said
+    assert "5 files (pickle), 960 frames, 22 joints, 60 fps" in said
+    assert read_clip(tmp_path / "walk.npz").frames == 190
+    (root / "test_fnames.txt").unlink()
+    (root / "other.pkl").write_bytes(pickle.dumps({"weights": [1.0]}))
+    report = examine(root)
+    assert report.files == 5
+    assert (report.findings[0].problem, report.findings[0].severity) == ("splits", "error")
+    assert "corpus.lists=DIR" in report.findings[0].remedy

@@ -53,6 +53,15 @@ def test_training_has_both_phases_of_six_subjects_and_testing_the_even_one_of_th
     }
 
 
+def test_training_may_have_the_even_frames_alone(write_h36m: WriteH36m) -> None:
+    root = write_h36m(SEVEN)
+    even, both = (build(root, phases=phases) for phases in ("even", "both"))
+    assert {clip.labels["phase"] for clip in both.split("train")} == {"0", "1"}
+    assert {clip.labels["phase"] for clip in even.split("train")} == {"0"}
+    assert 2 * len(even.splits["train"]) == len(both.splits["train"])
+    assert files_of(even, "test") == files_of(both, "test")
+
+
 def test_the_clips_are_the_even_and_odd_frames_as_quaternet_saw_them(
     write_h36m: WriteH36m,
 ) -> None:

@@ -304,7 +304,10 @@ def test_the_joints_that_count_are_chosen_by_name(corpus):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"joints": ["Head", "Tail"]}, "looks at joints that corpus 'toy' has not: Tail; it has"),
+        (
+            {"joints": ["Head", "Tail"]},
+            "looks at joints that corpus 'toy' has not: Tail; name others",
+        ),
         ({"thigh": "Femur"}, "looks at joints that corpus 'toy' has not: Femur"),
     ],
 )

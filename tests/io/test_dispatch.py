@@ -29,7 +29,7 @@ def clip() -> Clip:
 
 
 def test_the_formats_are_those_of_the_table_in_the_documents():
-    assert sorted(READERS) == [".amc", ".bvh", ".npz", ".txt"]
+    assert sorted(READERS) == [".amc", ".bvh", ".npz", ".pkl", ".txt"]
     assert sorted(WRITERS) == [".bvh", ".npz"]
 
 
@@ -65,14 +65,14 @@ def test_human36m_text_and_amc_are_found_by_extension(tmp_path):
     [
         ("01.asf", "name the .amc file"),
         ("a.fbx", "export it as BVH"),
-        ("a.pkl", "pickles run code"),
+        ("a.mat", "convert it first"),
         ("a", "convert it first"),
     ],
 )
 def test_an_unknown_extension_is_answered_with_the_known_ones_and_a_remedy(
     tmp_path, clip, name, remedy
 ):
-    with pytest.raises(DataError, match=rf"read: \.amc, \.bvh, \.npz, \.txt; .*{remedy}"):
+    with pytest.raises(DataError, match=rf"read: \.amc, \.bvh, \.npz, \.pkl, \.txt; .*{remedy}"):
         read_clip(tmp_path / name)
     with pytest.raises(DataError, match=r"write: \.bvh, \.npz; "):
         write_clip(clip, tmp_path / name)

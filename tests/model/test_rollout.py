@@ -221,3 +221,26 @@ def test_what_is_replayed_goes_on_from_the_true_frame_before_it(kind, make_forec
         for one, other in zip(replayed.cut(frame - 1, frame)[:2], alone[:2], strict=True):
             torch.testing.assert_close(one, other)
     assert replayed.root_positions.shape[1] == motion.root_positions.shape[1] - 1
+
+
+def test_what_was_emitted_is_read_where_it_is_not_to_be_projected(make_forecaster, motion):
+    skeleton = make_forecaster().codec.skeleton
+    codec = Codec(skeleton, build_representation("matrix", skeleton))
+    features = codec.encode(motion)[:, :6]
+    found = {}
+    for feedback in ("valid", "emitted"):
+        forecaster = make_forecaster(codec=codec, residual="add", feedback=feedback)
+        found[feedback] = rollout(forecaster, features, 3)
+        known, state = features, forecaster.initial_state(2)
+        for step in range(3):
+            prediction = forecaster(known, state, last=1)
+            valid, emitted, state = prediction.features, prediction.emitted, prediction.state
+            torch.testing.assert_close(found[feedback].features[:, step], valid[:, 0])
+            torch.testing.assert_close(found[feedback].emitted[:, step], emitted[:, 0])
+            known = emitted if feedback == "emitted" else valid
+    first, last = (
+        (found["valid"].features[:, step] - found["emitted"].features[:, step]).abs().max()
+        for step in (0, 2)
+    )
+    assert first == 0
+    assert last > 1e-4

@@ -41,7 +41,9 @@ def test_statistics_are_of_all_frames_in_pieces_as_long_as_windows(
     assert len(whole) == 180
     torch.testing.assert_close(found.mean, whole.mean(0))
     spread = whole.var(0, correction=0) if divide_by == "variance" else whole.std(0, correction=0)
-    expected = torch.where(spread < 1e-4, torch.ones_like(spread), spread)
+    # What hardly moves is left as it is, and its deviation says so, whatever it is divided by.
+    still = whole.std(0, correction=0) < 1e-4
+    expected = torch.where(still, torch.ones_like(spread), spread)
     torch.testing.assert_close(found.scale, expected, atol=1e-6, rtol=1e-5)
 
 
@@ -261,6 +263,23 @@ def test_the_amass_recipes_differ_in_what_they_compare_only() -> None:
                 assert recipe.objective.terms == terms
 
 
+def test_martinez_and_aksan_train_on_even_frames_and_pavllo_and_jain_on_both() -> None:
+    even = {
+        name
+        for name in FILES
+        if load_recipe(name).config["corpus"].get("phases") == "even"
+        and load_recipe(name).config["corpus"]["kind"] == "h36m"
+    }
+    assert even == {
+        name for name in FILES if name.startswith(("h36m-seq2seq", "h36m-rnn", "h36m-aged"))
+    }
+
+
+def test_matrices_are_fed_back_as_they_are_where_aksan_et_al_do() -> None:
+    fed = {name for name in FILES if load_recipe(name).config["model"].get("feedback") == "emitted"}
+    assert fed == {name for name in FILES if name.startswith(("amass-rnn", "h36m-rnn"))}
+
+
 def test_the_schedule_of_aksan_et_al() -> None:
     rnn, seq2seq, quaternet = (
         load_recipe(f"amass-{name}").plan for name in ("rnn", "seq2seq", "quaternet")
@@ -373,6 +392,7 @@ def test_every_key_of_a_recipe_is_checked_for_spelling(name: str) -> None:
         ("model.backbone.layers=1000000", "layers: 1000000; expected 1 to 100"),
         ("training.epochz=1", "training.epochz: unknown key; did you mean 'epochs'?"),
         ("model.backbone.hidden=many", "model.backbone.hidden: found 'many', expected a whole"),
+        ("model.feedback=raw", "model.feedback: found 'raw', expected one of 'valid'"),
         ("model.residual=sum", "model.residual: found 'sum', expected one of 'none'"),
         ("training.feed.decay=2", "training.feed"),
         ("training.objective.terms.eulre=1", "did you mean 'euler'?"),

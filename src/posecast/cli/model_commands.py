@@ -151,7 +151,8 @@ def evaluate(
         list[str],
         typer.Argument(
             help="Checkpoint folders, or zero-velocity, running-average-2, running-average-4, "
-            "mean-pose. Several checkpoints are runs of one system: mean and spread are reported."
+            "mean-pose. Several checkpoints are runs of one system: mean and spread are reported. "
+            "And options of corpus and protocol, such as protocol.joints=null."
         ),
     ],
     corpus: CorpusOption = None,
@@ -160,8 +161,8 @@ def evaluate(
         str | None,
         typer.Option(
             "--protocol",
-            help="h36m-standard, h36m-128, h36m-long, cmu-acrnn, cross-skeleton or short-term; "
-            "as the system's recipe says by default.",
+            help="h36m-standard, h36m-128, h36m-long, amass-spl, cmu-acrnn, cross-skeleton or "
+            "short-term; as the system's recipe says by default.",
         ),
     ] = None,
     split: Annotated[str, typer.Option("--split", help="Which clips are scored.")] = "test",

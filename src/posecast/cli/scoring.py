@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
+from typing import Any
 
 from posecast.cli.terminal import check_root, progress_bar
-from posecast.config import did_you_mean
+from posecast.config import did_you_mean, parse_overrides
 from posecast.corpora import build_corpus
 from posecast.errors import ConfigError, SkeletonError
 from posecast.evaluation import BASELINE_NAMES, Protocol, Report, build_protocol, make_baseline
@@ -29,7 +31,8 @@ def score_systems(
     """Score one baseline, or one or several runs of one system.
 
     Args:
-        names: one of ``BASELINE_NAMES``, or checkpoint folders of runs of one recipe.
+        names: one of ``BASELINE_NAMES``, or checkpoint folders of runs of one recipe; and options
+            of corpus and protocol, such as ``protocol.joints=null``.
         corpus: kind of corpus; ``None``: the one the system was trained on.
         root: folder of the corpus.
         protocol: name of the protocol; ``None``: the one of the system's recipe.
@@ -37,21 +40,23 @@ def score_systems(
 
     Raises:
         ConfigError: a baseline without a corpus, runs of different recipes, a name that is neither
-            a baseline nor a folder.
+            a baseline nor a folder, or an option of something else.
         SkeletonError: the corpus has other joints than the system.
     """
+    options = _options(names)
+    names = [name for name in names if not _is_option(name)]
     if len(names) == 1 and names[0] in BASELINE_NAMES:
         if corpus is None:
             raise ConfigError(f"{names[0]} was not trained on any corpus: name one with --corpus")
-        chosen = build_protocol(protocol or "short-term")
-        data = _read(corpus, root, _rate(chosen))
+        chosen = build_protocol(**{"kind": protocol or "short-term", **options["protocol"]})
+        data = _read(corpus, root, _rate(chosen), options["corpus"])
         baseline = make_baseline(names[0], data)
         return evaluate_predictors(baseline, chosen, data, system=names[0], split=split)
     for name in names:
         if name in BASELINE_NAMES:
             raise ConfigError(
-                f"{name!r} is a baseline, and all of them are in every table; name one alone, or "
-                "checkpoint folders"
+                f"{name!r} is a baseline, and those of the protocol are in every table; name it "
+                "alone, or checkpoint folders"
             )
         if not Path(name).is_dir() and Path(name).name == name:  # a path: loading it says more
             raise ConfigError(
@@ -76,11 +81,11 @@ def score_systems(
                 "has no spread; name one of them"
             )
         seeds[seed] = name
-    data = corpus_of(first, corpus, root)
+    data = corpus_of(first, corpus, root, options["corpus"])
     check_skeleton(first, data)
     return evaluate_predictors(
         [system.predictor for system in systems],
-        _protocol_of(first, protocol),
+        _protocol_of(first, protocol, options["protocol"]),
         data,
         system=first.recipe.name,
         split=split,
@@ -122,10 +127,11 @@ def check_skeleton(system: System, corpus: Corpus) -> None:
     )
 
 
-def _protocol_of(system: System, protocol: str | None) -> Protocol:
-    """The protocol by name, or the recipe's own with its options."""
-    own = system.recipe.config["protocol"]["kind"]
-    return system.recipe.protocol if protocol in (None, own) else build_protocol(str(protocol))
+def _protocol_of(system: System, protocol: str | None, options: Mapping[str, Any]) -> Protocol:
+    """The protocol by name, or the recipe's own with its options; and with those given."""
+    own = system.recipe.config["protocol"]
+    begin = own if protocol in (None, own["kind"]) else {"kind": protocol}
+    return build_protocol(**{**begin, **options})
 
 
 def _rate(protocol: Protocol) -> float:
@@ -141,17 +147,42 @@ def _rate(protocol: Protocol) -> float:
     return BASELINE_FPS[0]  # scoring says what does not fit
 
 
-def corpus_of(system: System, corpus: str | None, root: Path | None) -> Corpus:
-    """The corpus by name, or the recipe's own with its options, at the system's frame rate."""
-    own = system.recipe.config["corpus"]["kind"]
-    if corpus in (None, own):
-        check_root(own, root)
-        with progress_bar(f"reading {own}") as advance:
-            return system.recipe.build_corpus(root, progress=advance)
-    return _read(str(corpus), root, system.fps)
+def corpus_of(
+    system: System,
+    corpus: str | None,
+    root: Path | None,
+    options: Mapping[str, Any] = MappingProxyType({}),
+) -> Corpus:
+    """The corpus by name, or the recipe's own with its options; and with those given.
+
+    At the system's frame rate.
+    """
+    own = dict(system.recipe.config["corpus"])
+    kind = str(own.pop("kind"))
+    begin = own if corpus in (None, kind) else {}
+    return _read(kind if corpus is None else corpus, root, system.fps, {**begin, **options})
 
 
-def _read(kind: str, root: Path | None, fps: float) -> Corpus:
+def _read(kind: str, root: Path | None, fps: float, options: Mapping[str, Any]) -> Corpus:
     check_root(kind, root)
     with progress_bar(f"reading {kind}") as advance:
-        return build_corpus(kind, root=root, fps=fps, cache=None, progress=advance)
+        return build_corpus(kind, root=root, fps=fps, cache=None, progress=advance, **options)
+
+
+def _is_option(argument: str) -> bool:
+    """Whether an argument is no name of a system but ``key.path=value``."""
+    return "=" in argument and not Path(argument).exists()
+
+
+def _options(arguments: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """What is given of corpus and protocol."""
+    given = parse_overrides(argument for argument in arguments if _is_option(argument))
+    for section, options in given.items():
+        if section not in ("corpus", "protocol") or not isinstance(options, Mapping):
+            raise ConfigError(
+                f"{section}: scoring has options of corpus and protocol alone, such as "
+                "protocol.joints=null"
+            )
+        if "kind" in options:
+            raise ConfigError(f"{section}.kind: give it as --{section}")
+    return {section: dict(given.get(section, {})) for section in ("corpus", "protocol")}

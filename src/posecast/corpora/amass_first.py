@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -58,7 +58,7 @@ def amass_first(
     files = find(top, r".*\.pkl")
     if not files:
         raise DataError(root, "no motion of the first release of AMASS is there: expected .pkl")
-    chosen = _split(files, top if lists is None else check_root(lists))
+    chosen = file_splits(files, top if lists is None else check_root(lists))
     used = {name: files[name] for name in files if name in chosen}
     loaded = load_bodies(
         used.values(),
@@ -79,8 +79,12 @@ def amass_first(
     return Corpus("amass-first", loaded.clips, by_split, notes=tuple(notes))
 
 
-def _split(files: Mapping[str, Path], folder: Path) -> dict[str, str]:
-    """What each file is for, by the lists."""
+def file_splits(files: Iterable[str], folder: Path) -> dict[str, str]:
+    """What each file is for, by the lists in a folder.
+
+    Raises:
+        DataError: a list is missing, names files that are not there, or one that another names.
+    """
     by_name: dict[str, list[str]] = {}
     for file in files:
         parts = file.removesuffix(Path(file).suffix).split("/")

@@ -92,7 +92,7 @@ def _missing(evidence: Evidence) -> Iterator[Finding]:
 
 
 def _amass(evidence: Evidence) -> Iterator[Finding]:
-    if evidence.kind == "amass":
+    if evidence.kind in ("amass", "amass-first"):
         yield Finding(
             "body",
             "note",

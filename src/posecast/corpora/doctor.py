@@ -11,7 +11,7 @@ from pathlib import Path
 from statistics import median
 from typing import Any, NamedTuple
 
-from posecast.corpora import amass, bandai, cmu, folder, h36m
+from posecast.corpora import amass, amass_first, bandai, cmu, folder, h36m
 from posecast.corpora.checks import CHECKS
 from posecast.corpora.examination import Facts, Format, examine_file
 from posecast.corpora.findings import Evidence, Finding
@@ -19,6 +19,7 @@ from posecast.corpora.loading import Progress
 from posecast.corpora.splitting import choose_splits
 from posecast.errors import ConfigError, DataError
 from posecast.io.amass import is_amass
+from posecast.io.array_pickle import read_array_pickle
 from posecast.io.arrays import array_names
 
 _NOT_READ = (".fbx", ".c3d", ".pkl", ".mat", ".cdf", ".zip", ".tar", ".gz", ".xz", ".7z", ".rar")
@@ -216,6 +217,8 @@ def _recognise(file: Path, name: str) -> _Found | None:
             return _Found("h36m", "h36m", h36m.usual_name(file))
         case ".npz":
             return _recognise_npz(file, name)
+        case ".pkl" if _holds_poses(file):
+            return _Found("amass-first", "pickle", name)
     return None
 
 
@@ -227,6 +230,14 @@ def _recognise_npz(file: Path, name: str) -> _Found | None:
     if is_amass(arrays):
         return _Found("amass", "amass", name)
     return _Found("", "archive", name) if "rotations_local" in arrays else None
+
+
+def _holds_poses(file: Path) -> bool:
+    """Whether a pickle is a recording; what else it may be is not read."""
+    try:
+        return "poses" in read_array_pickle(file)
+    except DataError:
+        return False
 
 
 def _splits(
@@ -243,6 +254,12 @@ def _splits(
         return {}, []
     if kind in rules:
         return rules[kind](names), []
+    if kind == "amass-first":
+        try:
+            return amass_first.file_splits(names, top), []
+        except DataError as error:
+            remedy = "copy the three published lists there, or say where they are: corpus.lists=DIR"
+            return {}, [Finding("splits", "error", str(error), remedy)]
     if kind not in ("folder", "amass"):
         return {}, []
     rule = folder.file_splits if kind == "folder" else amass.file_splits

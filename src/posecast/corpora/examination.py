@@ -17,6 +17,7 @@ from posecast.corpora.cmu import is_t_pose
 from posecast.errors import DataError
 from posecast.geometry import quaternion
 from posecast.io.amass import read_amass
+from posecast.io.amass_first import read_amass_first
 from posecast.io.archive import read_archive
 from posecast.io.asf_amc import read_amc
 from posecast.io.bvh import BvhLayout, read_bvh
@@ -25,7 +26,7 @@ from posecast.io.h36m import read_h36m
 from posecast.motion import Clip
 from posecast.skeleton import Skeleton, joint_positions
 
-Format = Literal["bvh", "amc", "h36m", "amass", "archive"]
+Format = Literal["bvh", "amc", "h36m", "amass", "pickle", "archive"]
 
 _SAMPLED_FRAMES = 48
 _NO_LENGTH = 1e-5
@@ -128,6 +129,8 @@ def _read(file: Path, format: Format) -> Clip:
             return read_h36m(file, root="increments")
         case "amass":
             return read_amass(file)
+        case "pickle":
+            return read_amass_first(file)
         case "archive":
             return read_archive(file)
 
@@ -138,7 +141,7 @@ def _measure(name: str, digest: str, clip: Clip, format: Format) -> Facts:
     if t_pose:
         clip = clip.cut(1, clip.frames)
     # H3.6M tells movements only, and one body for all; AMASS has no bones without a template.
-    in_space = format not in ("h36m", "amass") and len(clip.skeleton) > 1
+    in_space = format not in ("h36m", "amass", "pickle") and len(clip.skeleton) > 1
     height, up = math.nan, ""
     swings: tuple[float, ...] = ()
     if in_space:

@@ -180,7 +180,8 @@ class Protocol:
         if absent:
             raise ConfigError(
                 f"protocol {self.name!r} looks at joints that corpus {corpus.name!r} has not: "
-                f"{', '.join(absent)}; it has {', '.join(names)}"
+                f"{', '.join(absent)}; name others (protocol.joints, protocol.thigh), or set "
+                f"joints to null for all but the root; it has {', '.join(names)}"
             )
         chosen = None if self.joints is None else tuple(map(names.index, self.joints))
         thigh = None if self.thigh is None else names.index(self.thigh)

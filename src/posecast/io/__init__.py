@@ -12,6 +12,7 @@ from typing import Any
 
 from posecast.errors import ConfigError, DataError
 from posecast.io.amass import is_amass, read_amass
+from posecast.io.amass_first import read_amass_first
 from posecast.io.archive import read_archive, write_archive
 from posecast.io.arrays import array_names
 from posecast.io.asf_amc import read_amc
@@ -25,6 +26,7 @@ __all__ = [
     "WRITERS",
     "atomic_write",
     "read_amass",
+    "read_amass_first",
     "read_amc",
     "read_archive",
     "read_bvh",
@@ -41,8 +43,9 @@ __all__ = [
 def read_clip(path: str | PathLike[str], *, fps: float | None = None, **options: Any) -> Clip:
     """Read a recording in the format that its extension names.
 
-    ``.npz`` is our own archive or AMASS, told apart by the arrays in it; ``.txt`` is Human3.6M;
-    an ``.amc`` needs its ``.asf`` beside it. docs/formats.md says more.
+    ``.npz`` is our own archive or AMASS, told apart by the arrays in it; ``.pkl`` the first release
+    of AMASS, read without executing anything; ``.txt`` is Human3.6M; an ``.amc`` needs its ``.asf``
+    beside it. docs/formats.md says more.
 
     Args:
         path: the file.
@@ -122,6 +125,7 @@ READERS: dict[str, Callable[..., Clip]] = {
     ".amc": read_amc,
     ".bvh": read_bvh,
     ".npz": _read_npz,
+    ".pkl": read_amass_first,
     ".txt": read_h36m,
 }
 """What reads the files of an extension."""
@@ -136,7 +140,6 @@ _REMEDIES = {
     ".asf": "it holds a skeleton only; name the .amc file of a recording",
     ".c3d": "markers have no skeleton; solve them to BVH with the software they came from",
     ".fbx": "export it as BVH, for example with Blender",
-    ".pkl": "pickles run code when they are read; convert it to .npz",
 }
 
 
