@@ -30,11 +30,11 @@ class StructuralRNNBackbone(nn.Module):
 
     - ``u = W2 relu(W1 [x_p, x_q] + b1) + b2``, then ``[LSTM(u), u]``,
 
-    the torso first in what it reads, a limb itself before the other one. What the torso reads of
-    its two edges of one kind is summed up. A temporal edge says ``u`` of x_p alone. A node
-    concatenates what its edges say, v, and the summary of the part is ``[LSTM(v), v]``. The
-    summaries of all parts, in the order above, are the context; ``PartsHead`` reads each for its
-    own part, any other head reads all.
+    the torso first in what it reads, a limb itself before the other one. The torso has two edges of
+    each kind, and reads the sum of what the two would read. A temporal edge says ``u`` of x_p
+    alone. A node concatenates what its edges say, v, and the summary of the part is
+    ``[LSTM(v), v]``. The summaries of all parts, in the order above, are the context; ``PartsHead``
+    reads each for its own part, any other head reads all.
 
     What is no joint of the codec, root channels and controls, belongs to the torso.
 
