@@ -6,13 +6,11 @@ what it said. Both give the same numbers; they are compared before anything is t
 
 from __future__ import annotations
 
-import argparse
-import json
 from collections.abc import Callable
 from functools import partial
 
 import torch
-from benchmarks.timing import paired, rows_of, table
+from benchmarks.timing import main_of, paired, rows_of
 from benchmarks.training_step import BATCH, JOINTS, make_forecaster
 from tests.references.plain_gru import velocity_rollout
 from torch import Tensor
@@ -75,15 +73,5 @@ def _check(decoders: dict[str, Callable[[], Tensor]]) -> None:
     torch.testing.assert_close(ours, plain, atol=1e-4, rtol=1e-4)
 
 
-def main() -> None:
-    """Print the rows as a table, or as JSON."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--rounds", type=int, default=7)
-    parser.add_argument("--json", action="store_true")
-    arguments = parser.parse_args()
-    rows = run(rounds=arguments.rounds)
-    print(json.dumps(rows, indent=1) if arguments.json else table(rows))
-
-
 if __name__ == "__main__":
-    main()
+    main_of(run, __doc__, rounds=7)

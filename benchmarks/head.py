@@ -11,8 +11,6 @@ Launches are operations of PyTorch's in one call: what an accelerator waits for.
 
 from __future__ import annotations
 
-import argparse
-import json
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -24,7 +22,7 @@ from torch import Tensor, nn
 from torch.utils._python_dispatch import TorchDispatchMode
 
 sys.path.insert(0, str(Path(__file__).parent))
-from timing import paired, rows_of, table
+from timing import main_of, paired, rows_of
 
 from posecast.model import StructuredHead
 from posecast.skeleton import Skeleton, named_skeleton
@@ -170,15 +168,5 @@ def _check(head: nn.Module, loop: nn.Module, context: Tensor, pull: Tensor) -> N
     assert (off > 1e-3).double().mean() < 1e-3, "gradients differ"
 
 
-def main() -> None:
-    """Print the rows as a table, or as JSON."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--rounds", type=int, default=9)
-    parser.add_argument("--json", action="store_true")
-    arguments = parser.parse_args()
-    rows = run(rounds=arguments.rounds)
-    print(json.dumps(rows, indent=1) if arguments.json else table(rows))
-
-
 if __name__ == "__main__":
-    main()
+    main_of(run, __doc__, rounds=9)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import argparse
+import json
 import os
 import random
 import statistics
@@ -102,6 +104,20 @@ def table(rows: list[dict[str, object]]) -> str:
         "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
         for row in cells
     )
+
+
+def main_of(
+    run: Callable[..., list[dict[str, object]]], description: str | None, rounds: int
+) -> None:
+    """Read options from the command line, and print the rows as a table, or as JSON."""
+    parser = argparse.ArgumentParser(
+        description=description, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--rounds", type=int, default=rounds, help=f"default {rounds}")
+    parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
+    arguments = parser.parse_args()
+    rows = run(rounds=arguments.rounds)
+    print(json.dumps(rows, indent=1) if arguments.json else table(rows))
 
 
 def _format(value: object) -> str:

@@ -32,7 +32,7 @@ class LSTMBackbone(nn.Module):
             reaches the output after as many more frames as there are layers above the first.
         initial_state: ``zero``: zeros; ``learned``: trained vectors, the same for every sequence,
             drawn from a normal distribution with standard deviation 0.01.
-        biases: vectors of them a cell. PyTorch's two are added: the same network as with TensorFlow's
+        biases: vectors of them a cell. PyTorch adds up two: the same network as with TensorFlow's
             one, but their sum learns twice as fast and there are more parameters.
         forget_bias: added to the bias of the forget gates when weights are drawn; 1 in TensorFlow.
 
