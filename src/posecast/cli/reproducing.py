@@ -143,6 +143,7 @@ def reproduce_table(
             baseline = make_baseline(system, data[_key(first)])
             scores = protocol.score(baseline, data[_key(first)], system=system)
             found.append(Found(row, system, (scores,), baseline))
+    out.mkdir(parents=True, exist_ok=True)  # baselines alone leave no runs there
     _draw(found, protocol, data[_key(first)], out / f"{name}.png")
     comparable = not own and _kind(first) in table.corpora
     text = _to_markdown(table, found, absent, ready, data, comparable=comparable)
