@@ -3,61 +3,34 @@
 from __future__ import annotations
 
 import json
-import statistics
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from posecast.cli.compared import Contestant, spread
+from posecast.cli.compared import Contestant
 from posecast.cli.comparing import contest, write
+from posecast.cli.reproduced import Found, Reproduction
 from posecast.cli.terminal import progress_bar, say
 from posecast.corpora import CORPORA
 from posecast.errors import ConfigError
 from posecast.evaluation import (
     BASELINE_NAMES,
     METRICS,
-    Predictor,
     Protocol,
-    Scores,
     build_protocol,
     keypoint_curve,
     make_baseline,
 )
-from posecast.evaluation.published import PublishedTable
-from posecast.evaluation.report import markdown_rows
 from posecast.evaluation.reproduced import (
     PrintedTable,
-    caveat,
     choose_rows,
     printed_table,
     printed_tables,
     small_form,
 )
-from posecast.evaluation.scores import AVERAGE
 from posecast.motion.corpus import Corpus
 from posecast.recipe import Recipe, load_recipe
-
-
-@dataclass(frozen=True, eq=False)
-class Found:
-    """What was measured of one row.
-
-    Args:
-        printed: name of the row in the paper.
-        system: name of our recipe or baseline.
-        runs: scores, one a seed.
-        predictor: the system, with the first seed.
-        parameters: trained values; ``None`` for baselines.
-        seconds: of training, one a seed.
-    """
-
-    printed: str
-    system: str
-    runs: tuple[Scores, ...]
-    predictor: Predictor
-    parameters: int | None = None
-    seconds: tuple[float, ...] = ()
 
 
 def list_tables() -> str:
@@ -105,51 +78,97 @@ def reproduce_table(
         ConfigError: no such table or row, or nothing can be done as data are missing; nothing is
             trained then.
     """
+    plan = _plan(
+        printed_table(name), wanted, overrides, roots=roots, corpus=corpus, seeds=seeds, small=small
+    )
+    data = _read([[plan.first], *plan.ready.values()], roots)
+    for each in data.values():
+        plan.protocol.windows(each)
+    beside = data[_key(plan.first)]
+    found: list[Found] = []
+    for row, system in plan.rows.items():
+        if row in plan.ready:
+            runs = plan.ready[row]
+            found.append(_train(row, runs, plan.protocol, data[_key(runs[0])], out, progress))
+        elif system in BASELINE_NAMES:
+            baseline = make_baseline(system, beside)
+            scores = plan.protocol.score(baseline, beside, system=system)
+            found.append(Found(row, system, (scores,), baseline))
+    out.mkdir(parents=True, exist_ok=True)  # baselines alone leave no runs there
+    _draw(found, plan.protocol, beside, out / f"{name}.png")
+    report = Reproduction(plan.table, found, plan.absent, list(data.values()), plan.comparable)
+    text = report.to_markdown()
+    write(out / f"{name}.md", text)
+    write(out / f"{name}.json", json.dumps(report.to_json(), indent=1) + "\n")
+    return text
+
+
+@dataclass(frozen=True, eq=False)
+class _Plan:
+    """What is to be done for a table.
+
+    Args:
+        table: which.
+        rows: printed name -> our recipe or baseline, in the order of the table.
+        ready: of the rows to be trained whose recordings are there, all seeds.
+        absent: of those whose recordings are not, the kind of corpus.
+        first: the recipe as which baselines are scored.
+        protocol: for all.
+        comparable: whether the paper's numbers may stand beside ours.
+    """
+
+    table: PrintedTable
+    rows: Mapping[str, str]
+    ready: Mapping[str, Sequence[Recipe]]
+    absent: Mapping[str, str]
+    first: Recipe
+    protocol: Protocol
+    comparable: bool
+
+
+def _plan(
+    table: PrintedTable,
+    wanted: Sequence[str],
+    overrides: Sequence[str],
+    *,
+    roots: Mapping[str, Path],
+    corpus: str | None,
+    seeds: int,
+    small: bool,
+) -> _Plan:
+    """Say what is to be done, or that it cannot be; see ``reproduce_table``."""
     if seeds < 1:
         raise ConfigError(f"--seeds {seeds}: expected 1 or more")
-    if any(each.partition("=")[0].strip() in ("name", "training.seed") for each in overrides):
+    keys = {each.partition("=")[0].strip() for each in overrides}
+    if keys & {"name", "training.seed"}:
         raise ConfigError("name and training.seed tell the runs apart; leave them out")
-    table = printed_table(name)
-    rows = choose_rows(table, wanted)
 
     def load(system: str, seed: int) -> Recipe:
         return _load(system, [*overrides, f"training.seed={seed}"], roots, corpus, small=small)
 
+    rows = choose_rows(table, wanted)
     trained = [row for row, system in rows.items() if system not in BASELINE_NAMES]
     recipes = {row: [load(rows[row], seed) for seed in range(seeds)] for row in trained}
+    ready = {row: runs for row, runs in recipes.items() if _has_data(runs[0], roots)}
     # Baselines are scored as the systems beside them, or as the table's first would be.
     beside = next(system for system in table.rows.values() if system not in BASELINE_NAMES)
-    first = recipes[trained[0]][0] if trained else load(beside, 0)
-    absent = {row: _kind(runs[0]) for row, runs in recipes.items() if not _has_data(runs[0], roots)}
-    if len(absent) == len(trained) and not _has_data(first, roots):
+    first = next(iter(ready.values()))[0] if ready else load(beside, 0)
+    if not ready and (trained or not _has_data(first, roots)):
         kinds = table.corpora if corpus is None else (corpus,)
         raise ConfigError(
-            f"{name}: no row has its data; give " + " or ".join(f"--root {k}=DIR" for k in kinds)
+            f"{table.name}: no row has its data; give "
+            + " or ".join(f"--root {kind}=DIR" for kind in kinds)
         )
-    ready = {row: runs for row, runs in recipes.items() if row not in absent}
-    first = next(iter(ready.values()))[0] if ready else first
-    keys = {each.partition("=")[0].strip() for each in overrides} - {"protocol.metrics"}
-    own = any(key.split(".")[0] == "protocol" for key in keys)
-    protocol = _one_protocol(table, first, ready, own=own)
-    data = _read([[first], *ready.values()], roots)
-    for each in data.values():
-        protocol.windows(each)
-    found: list[Found] = []
-    for row, system in rows.items():
-        if row in ready:
-            runs = ready[row]
-            found.append(_train(row, runs, protocol, data[_key(runs[0])], out, progress))
-        elif system in BASELINE_NAMES:
-            baseline = make_baseline(system, data[_key(first)])
-            scores = protocol.score(baseline, data[_key(first)], system=system)
-            found.append(Found(row, system, (scores,), baseline))
-    out.mkdir(parents=True, exist_ok=True)  # baselines alone leave no runs there
-    _draw(found, protocol, data[_key(first)], out / f"{name}.png")
-    comparable = not own and _kind(first) in table.corpora
-    text = _to_markdown(table, found, absent, ready, data, comparable=comparable)
-    write(out / f"{name}.md", text)
-    write(out / f"{name}.json", json.dumps(_to_json(table, found, comparable), indent=1) + "\n")
-    return text
+    own = any(key.split(".")[0] == "protocol" for key in keys - {"protocol.metrics"})
+    return _Plan(
+        table,
+        rows,
+        ready,
+        {row: _kind(runs[0]) for row, runs in recipes.items() if row not in ready},
+        first,
+        _one_protocol(table, first, ready, own=own),
+        comparable=not own and _kind(first) in table.corpora,
+    )
 
 
 def _load(
@@ -241,154 +260,8 @@ def _train(
         done.runs[0].predictor,
         done.cost.parameters,
         tuple(done.cost.seconds),
+        runs[0].plan.epochs,
     )
-
-
-def _to_markdown(
-    table: PrintedTable,
-    found: Sequence[Found],
-    absent: Mapping[str, str],
-    ready: Mapping[str, Sequence[Recipe]],
-    data: Mapping[str, Corpus],
-    *,
-    comparable: bool,
-) -> str:
-    """What was done, a table of costs, then one a metric with the paper's numbers above ours."""
-    plans = {runs[0].name: runs[0].plan for runs in ready.values()}
-    corpora = sorted({corpus.name for corpus in data.values()})
-    scores = found[-1].runs[0]
-    known = [note for corpus in data.values() if (note := caveat(corpus.name))]
-    lead = [
-        f"Ours: corpus {', '.join(corpora)}, protocol {scores.protocol}; mean ± standard deviation "
-        "over seeds.",
-        *(known if comparable else [_unlike(table, scores, corpora)]),
-    ]
-    blocks = [f"# {table.name}: {table.title}", " ".join(lead)]
-    if any(each.parameters is not None for each in found):
-        blocks.append(markdown_rows(_costs(found, plans)))
-    if comparable:
-        measured = [part for part in table.parts if part.metric in scores.metrics]
-        blocks += [_part(part, found) for part in measured]
-    else:
-        blocks += [_own(metric, found) for metric in scores.metrics]
-    notes = [
-        f"Left out as its recordings are missing: {row} (--root {kind}=DIR)."
-        for row, kind in absent.items()
-    ]
-    notes += [*scores.notes, *(note for corpus in data.values() for note in corpus.notes)]
-    blocks.append("\n".join(f"- {note}" for note in dict.fromkeys(notes)))
-    return "\n\n".join(block for block in blocks if block) + "\n"
-
-
-def _unlike(table: PrintedTable, scores: Scores, corpora: Sequence[str]) -> str:
-    """Why the paper's numbers are left out."""
-    if scores.protocol != table.protocol:
-        what = f"protocol is {table.protocol}"
-    elif set(corpora) <= set(table.corpora):
-        what = f"{table.protocol} has other options"
-    else:
-        what = f"recordings are not those of {', '.join(corpora)}"
-    return f"The paper's {what}: its numbers say nothing of ours, and are left out."
-
-
-def _costs(found: Sequence[Found], plans: Mapping[str, Any]) -> list[list[str]]:
-    """Rows of what each system is and took."""
-    rows = [
-        ["row", "system", "parameters", "epochs", "seeds", "training (s)"],
-        ["---", "---", "---:", "---:", "---:", "---:"],
-    ]
-    for each in found:
-        if each.parameters is not None:
-            rows.append(
-                [
-                    each.printed,
-                    each.system,
-                    f"{each.parameters:,}",
-                    str(plans[each.system].epochs),
-                    str(len(each.runs)),
-                    spread(each.seconds),
-                ]
-            )
-    return rows
-
-
-def _part(part: PublishedTable, found: Sequence[Found]) -> str:
-    """One metric: of every action and system what the paper prints, and what was measured."""
-    metric = METRICS[part.metric]
-    columns = [f"{horizon:g} ms" for horizon in part.horizons_ms]
-    rows = [
-        ["action", "system", "whose", *columns],
-        ["---", "---", "---", *["---:" for _ in columns]],
-    ]
-    measured = found[-1].runs[0].actions
-    for action in (*measured, *((AVERAGE,) if len(measured) > 1 else ())):
-        for each in found:
-            paper = _paper(part, each.printed, action, measured)
-            own = _ours(each, part.metric, action, part.horizons_ms)
-            label = action if action != AVERAGE else f"average of {len(measured)}"
-            digits = metric.digits
-            if paper is not None:
-                rows.append([label, each.printed, "paper", *(f"{v:g}" for v in paper)])
-            rows.append([label, each.system, "ours", *(spread(v, digits) for v in own)])
-    return f"**{metric.title} ({metric.unit})**: `{part.metric}`\n\n{markdown_rows(rows)}"
-
-
-def _own(name: str, found: Sequence[Found]) -> str:
-    """One metric of ours alone."""
-    metric, horizons = METRICS[name], found[-1].runs[0].horizons_ms
-    columns = [f"{horizon:g} ms" for horizon in horizons]
-    rows = [["system", *columns], ["---", *["---:" for _ in columns]]]
-    for each in found:
-        values = _ours(each, name, AVERAGE, horizons)
-        rows.append([each.system, *(spread(value, metric.digits) for value in values)])
-    return f"**{metric.title} ({metric.unit})**: `{name}`\n\n{markdown_rows(rows)}"
-
-
-def _paper(
-    part: PublishedTable, printed: str, action: str, measured: Sequence[str]
-) -> tuple[float, ...] | None:
-    """What the paper prints; its average is taken over the actions that were measured."""
-    actions = part.systems.get(printed, {})
-    if action != AVERAGE:
-        return actions.get(action)
-    if not all(each in actions for each in measured):
-        return None
-    columns = zip(*(actions[each] for each in measured), strict=True)
-    return tuple(round(statistics.fmean(column), 3) for column in columns)
-
-
-def _ours(
-    found: Found, metric: str, action: str, horizons: Sequence[int | float]
-) -> list[tuple[float, ...]]:
-    """For each horizon the values of all seeds."""
-    return [tuple(run.value(metric, horizon, action) for run in found.runs) for horizon in horizons]
-
-
-def _to_json(table: PrintedTable, found: Sequence[Found], comparable: bool) -> dict[str, Any]:
-    """All numbers by name, those of every seed included."""
-    return {
-        "table": table.name,
-        "title": table.title,
-        "protocol": table.protocol,
-        "comparable": comparable,
-        "rows": [
-            {
-                "row": each.printed,
-                "system": each.system,
-                "parameters": each.parameters,
-                "training_seconds": list(each.seconds),
-                "seeds": [[row._asdict() for row in run.rows] for run in each.runs],
-                "paper": {
-                    part.metric: {
-                        action: list(values)
-                        for action, values in part.systems.get(each.printed, {}).items()
-                    }
-                    for part in table.parts
-                },
-            }
-            for each in found
-        ],
-    }
 
 
 def parse_roots(given: Sequence[str]) -> dict[str, Path]:
