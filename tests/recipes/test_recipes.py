@@ -500,7 +500,9 @@ def test_a_recipe_learns_a_tiny_corpus_by_heart(
     assert result.best is not None
     with (tmp_path / "run" / "log.csv").open(newline="") as file:
         losses = [float(row["loss"]) for row in csv.DictReader(file)]
-    assert losses[-1] < 0.6 * losses[0]
+    # Lengths fall by the root of what squares fall by.
+    share = 0.6**0.5 if "per_joint" in recipe.objective.terms else 0.6
+    assert losses[-1] < share * losses[0]
     if name in EXACT:
         system = load(tmp_path / "run" / "best")
         scores = recipe.protocol.score(system.predictor, tiny_corpus, "test")
