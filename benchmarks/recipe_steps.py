@@ -2,7 +2,8 @@
 
 A step is an update on made-up windows: loss, gradient, clipping and optimizer, with the feed as it
 is in the middle of training. Its products are recorded once and done again by the same kernels, on
-the same sizes, with nothing in between: the floor. ``gflop`` counts their multiplications and
+the same sizes, with nothing in between: the floor. Those inside PyTorch's own LSTM layer, which is
+one operation, are done by the fastest exact kernel. ``gflop`` counts their multiplications and
 additions; ``ceiling_share`` is their rate in the step as a share of that of one large product.
 
 Recipes whose corpus has a skeleton of its own are taken on it, all others on CMU's 31 joints.
@@ -23,6 +24,7 @@ from benchmarks.training_step import fastest_rate
 from torch import Tensor
 from torch.utils._python_dispatch import TorchDispatchMode
 
+from posecast.model.products import Weight, exact_products
 from posecast.recipe import Recipe, list_recipes, load_recipe
 from posecast.recipe.files import SMALL
 from posecast.recipe.system_recipe import CORPUS_SKELETONS
@@ -31,6 +33,9 @@ from posecast.training import training_loss
 
 PRODUCTS = ("mm", "addmm", "bmm", "baddbmm", "_linear_pointwise")
 """Names of PyTorch's operations that are products, in place or not."""
+
+LAYERS = ("mkldnn_rnn_layer", "mkldnn_rnn_layer_backward")
+"""Names of those that are a layer of an LSTM, forward and back."""
 
 
 def run(rounds: int = 3, names: Sequence[str] = ()) -> list[dict[str, object]]:
@@ -113,9 +118,22 @@ class Products(TorchDispatchMode):
     def __torch_dispatch__(self, func, types, args=(), kwargs=None):  # type: ignore[no-untyped-def]
         kwargs = kwargs or {}
         found = func(*args, **kwargs)
-        if func.overloadpacket.__name__.removesuffix("_") in PRODUCTS:
+        name = func.overloadpacket.__name__.removesuffix("_")
+        if name in PRODUCTS:
             self._note(func, args, kwargs, found)
+        elif name in LAYERS:
+            self._note_layer(args, backward=name == LAYERS[1])
         return found
+
+    def _note_layer(self, args: tuple[Any, ...], *, backward: bool) -> None:
+        """The products inside of an LSTM layer: of all frames with one weight, then one by one."""
+        frames, below, own = args[:3]
+        steps, batch = frames.shape[:2]
+        self.operations += (4 if backward else 2) * steps * batch * (below.numel() + own.numel())
+        key = ("layer", backward, tuple(frames.shape), tuple(own.shape))
+        self._counts[key] += 1
+        if key not in self._calls:
+            self._calls[key] = _layer_products(frames, below, own, backward=backward)
 
     def _note(self, func: Any, args: tuple[Any, ...], kwargs: dict[str, Any], found: Any) -> None:
         factors = [value for value in args if isinstance(value, Tensor)]
@@ -141,6 +159,32 @@ class Products(TorchDispatchMode):
                         call()
         finally:
             torch.set_float32_matmul_precision(before)
+
+
+def _layer_products(
+    frames: Tensor, below: Tensor, own: Tensor, *, backward: bool
+) -> Callable[[], object]:
+    """The products of an LSTM layer, forward or back, on random factors."""
+    rows = frames.detach().flatten(0, 1).contiguous()
+    steps, batch, gates = len(frames), frames.shape[1], len(own)
+    bias, state = torch.zeros(gates), torch.randn(batch, own.shape[1])
+    states, slopes = torch.randn(len(rows), own.shape[1]), torch.randn(len(rows), gates)
+    weights = Weight(below), Weight(own)
+
+    def forward() -> None:
+        weights[0].product(rows, bias)
+        for _ in range(steps):
+            weights[1].product(state, bias)
+
+    def back() -> None:
+        weights[0].back(slopes, onto=torch.zeros_like(rows))
+        for _ in range(steps):
+            weights[1].back(slopes[:batch], onto=state)
+        with exact_products(slopes):
+            slopes.t() @ rows
+            slopes.t() @ states
+
+    return back if backward else forward
 
 
 def _strides(values: Tensor) -> tuple[int, ...]:
