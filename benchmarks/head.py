@@ -6,6 +6,8 @@ gradients are compared before anything is timed. "default" products are PyTorch'
 "medium" lets it take oneDNN's kernel, which is the faster one on AMD and exact there, and rounds to
 bfloat16 where there is AMX. The head takes that kernel by itself where it is exact.
 
+The context's product alone, by that kernel, is what no head can be faster than.
+
 Launches are operations of PyTorch's in one call: what an accelerator waits for.
 """
 
@@ -25,6 +27,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from timing import main_of, paired, rows_of
 
 from posecast.model import StructuredHead
+from posecast.model.products import exact_products
 from posecast.skeleton import Skeleton, named_skeleton
 
 CONTEXT, JOINT_DIM, HIDDEN = 1024, 9, 64
@@ -98,6 +101,9 @@ def _compare(name: str, count: int, rounds: int) -> list[dict[str, object]]:
             "loop, medium": partial(_medium, partial(call, loop)),
             "head, default": partial(_plain, partial(call, head)),
             "head": partial(call, head),
+            "context's product": partial(
+                _context_product, head, context, back=call.func is _gradient
+            ),
         }
         timings = paired(calls, "loop", rounds=rounds)
         found = rows_of(f"{task}, {len(skeleton)} joints, {count} rows", timings)
@@ -105,6 +111,16 @@ def _compare(name: str, count: int, rounds: int) -> list[dict[str, object]]:
             row["launches"] = _launches(calls[str(row["candidate"])])
         rows += found
     return rows
+
+
+def _context_product(head: StructuredHead, context: Tensor, *, back: bool) -> None:
+    """The product of the context with all first layers alone, by the faster kernel: the floor."""
+    weight = head.context.weight.detach()
+    with torch.inference_mode(), exact_products(context):
+        firsts = weight @ context.t()
+        if back:
+            firsts.t() @ weight
+            firsts @ context
 
 
 def _forward(context: Tensor, head: nn.Module) -> Tensor:
