@@ -112,3 +112,7 @@ def test_a_recording_is_a_file_like_others(root, tmp_path, capsys):
     assert report.files == 5
     assert (report.findings[0].problem, report.findings[0].severity) == ("splits", "error")
     assert "corpus.lists=DIR" in report.findings[0].remedy
+    # The one that is no recording, and no other, is said to be left unread.
+    assert [each.message for each in report.findings if each.problem == "not read"] == [
+        "1 files *.pkl are not read"
+    ]

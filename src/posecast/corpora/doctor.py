@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Collection, Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
@@ -155,7 +155,7 @@ def examine(path: Path | str, *, progress: Progress | None = None) -> Report:
     missing = _missing(kind, names) if top.is_dir() else ()
     evidence = Evidence(kind, tuple(facts), splits, missing)
     findings = [finding for check in CHECKS for finding in check(evidence)]
-    findings += [*doubt, *_others(kinds, kind), *_not_read(top)]
+    findings += [*doubt, *_others(kinds, kind), *_not_read(top, found)]
     findings.sort(key=lambda finding: ("error", "warning", "note").index(finding.severity))
     return _report(str(path), evidence, next(iter(chosen.values())).format, tuple(findings))
 
@@ -299,14 +299,14 @@ def _nothing(top: Path) -> Finding:
     )
 
 
-def _not_read(top: Path) -> list[Finding]:
+def _not_read(top: Path, read: Collection[Path]) -> list[Finding]:
     """Formats that may hold motion but are not read."""
     if not top.is_dir():
         return []
     found = Counter(
         file.suffix.lower()
         for file in top.rglob("*")
-        if file.suffix.lower() in _NOT_READ and file.is_file()
+        if file.suffix.lower() in _NOT_READ and file not in read and file.is_file()
     )
     return [
         Finding(
