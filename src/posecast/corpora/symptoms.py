@@ -92,11 +92,11 @@ def frame_rate(evidence: Evidence) -> Iterator[Finding]:
     if len(rates) > 1 and max(rates) / min(rates) > 1.001:
         yield Finding(
             "frame rate",
-            "note" if evidence.kind in ("amass", "amass-first") else "warning",
+            "note" if evidence.kind == "amass" else "warning",
             "frame rates differ: "
             + ", ".join(f"{fps:g} in {count} files" for fps, count in rates.most_common()),
             "nothing: brought to one when read"
-            if evidence.kind in ("amass", "amass-first")
+            if evidence.kind == "amass"
             else "give fps to bring all to one",
         )
     swings = [(time, fact) for fact in evidence.readable for time in fact.swings]
