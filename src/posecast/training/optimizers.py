@@ -9,7 +9,7 @@ from torch.optim import SGD, Adam, Optimizer
 
 
 def _adam(parameters: Any, rate: float) -> Optimizer:
-    """Adam with its usual moments; one fused kernel where there is one: 25.9 -> 5.5 ms a step."""
+    """Adam with its usual moments; one fused kernel where there is one."""
     parameters = list(parameters)
     fused = all(parameter.device.type in ("cpu", "cuda") for parameter in parameters)
     return Adam(parameters, lr=rate, fused=fused)
