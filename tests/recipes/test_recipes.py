@@ -275,6 +275,14 @@ def test_martinez_and_aksan_train_on_even_frames_and_pavllo_and_jain_on_both() -
     }
 
 
+def test_the_actions_of_human36m_have_a_name() -> None:
+    skeleton = named_skeleton("h36m-32").skeleton
+    for name in ("h36m-seq2seq-sampling-sup", "h36m-seq2seq-sampling-sup-spl", "h36m-aged"):
+        codec = load_recipe(name).build_codec(skeleton)
+        assert (len(codec.actions), codec.actions[0]) == (15, "walking")
+        assert codec.feature_dim == 21 * 3 + 15
+
+
 def test_matrices_are_fed_back_as_they_are_where_aksan_et_al_do() -> None:
     fed = {name for name in FILES if load_recipe(name).config["model"].get("feedback") == "emitted"}
     assert fed == {name for name in FILES if name.startswith(("amass-rnn", "h36m-rnn"))}
@@ -422,6 +430,7 @@ def test_every_key_of_a_recipe_is_checked_for_spelling(name: str) -> None:
         ("codec.joints=[Hips,Tail]", "codec.joints: no joint is called 'Tail'"),
         ("codec.root=displacement", "training.objective: the codec writes 3 root channels"),
         ("codec.actions=[walking]", "codec.actions lists actions that no loss trains"),
+        ("codec.actions=h36", "codec.actions: 'h36' is no list of actions; did you mean 'h36m'?"),
         ("codec.actions=[eating,eating]", "codec.actions: 'eating' is there twice"),
         ("training.objective.terms.action=1", "loss 'action' needs actions, but the codec has non"),
         ("model.head={kind: parts}", "model: head: it reads what is said of each part of the body"),

@@ -14,9 +14,10 @@ import torch
 from posecast.config import (
     check_call,
     check_keys,
+    did_you_mean,
     pick_kind,
 )
-from posecast.corpora import COMMON, CORPORA, build_corpus
+from posecast.corpora import COMMON, CORPORA, build_corpus, h36m
 from posecast.corpora.gait.body import SKELETON
 from posecast.errors import ConfigError, SkeletonError
 from posecast.evaluation.protocol import PROTOCOLS, Protocol
@@ -51,6 +52,9 @@ CORPUS_SKELETONS: Mapping[str, Callable[[], Skeleton]] = {
     "amass-first": lambda: named_skeleton("smpl-22").skeleton,
 }
 """Skeletons of corpora that are known before any file is read."""
+
+ACTION_LISTS: Mapping[str, tuple[str, ...]] = {"h36m": h36m.ACTIONS}
+"""Actions of corpora, for ``codec.actions``."""
 
 Standardize = Literal["none", "deviation", "variance"]
 
@@ -338,20 +342,23 @@ def _codec(
     root: Literal["none", "displacement"] = "none",
     standardize: Standardize = "none",
     joints: str | list[str] | None = None,
-    actions: list[str] | None = None,
+    actions: str | list[str] | None = None,
 ) -> Codec:
     """A codec from a recipe's section ``codec``; its keywords are that section's keys."""
     if standardize not in get_args(Standardize):
         raise ConfigError(f"codec.standardize: {standardize!r} is not known")
-    told = tuple(actions or ())
-    if joints is None:
-        return Codec(skeleton, represent(skeleton), root=root, statistics=statistics, actions=told)
-    try:
-        names = named_skeleton(joints).skeleton.names if isinstance(joints, str) else joints
-        chosen = tuple(sorted({skeleton.index(name) for name in names}))
-        written = skeleton.select(chosen)
-    except SkeletonError as error:
-        raise ConfigError(f"codec.joints: {error}") from None
+    if isinstance(actions, str) and actions not in ACTION_LISTS:
+        known = did_you_mean(actions, ACTION_LISTS)
+        raise ConfigError(f"codec.actions: {actions!r} is no list of actions; {known}")
+    told = ACTION_LISTS[actions] if isinstance(actions, str) else tuple(actions or ())
+    written, chosen = skeleton, None
+    if joints is not None:
+        try:
+            names = named_skeleton(joints).skeleton.names if isinstance(joints, str) else joints
+            chosen = tuple(sorted({skeleton.index(name) for name in names}))
+            written = skeleton.select(chosen)
+        except SkeletonError as error:
+            raise ConfigError(f"codec.joints: {error}") from None
     return Codec(
         skeleton,
         represent(written),
