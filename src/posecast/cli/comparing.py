@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from posecast.cli.compared import Contestant, Cost, to_json, to_markdown
-from posecast.cli.terminal import check_root, progress_bar, say
+from posecast.cli.terminal import read_corpus, say
 from posecast.errors import ConfigError
 from posecast.evaluation import Protocol, Report, baseline_scores, build_protocol
 from posecast.io.atomic import atomic_write
@@ -81,10 +81,7 @@ def compare_systems(
         _check_terms(first, runs[0])
     chosen = first.protocol if protocol is None else build_protocol(protocol)
     chosen.frames(first.fps)
-    kind = first.config["corpus"]["kind"]
-    check_root(kind, root)
-    with progress_bar(f"reading {kind}") as advance:
-        data = first.build_corpus(root, progress=advance)
+    data = read_corpus(first, root)
     chosen.windows(data)
     contestants = [contest(runs, data, chosen, out, progress=progress) for runs in recipes]
     say("scoring the baselines")

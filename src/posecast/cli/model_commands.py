@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -17,17 +17,12 @@ from posecast.cli.terminal import (
     TemplateOption,
     UnitOption,
     UpOption,
-    check_root,
     print_json,
-    progress_bar,
+    read_corpus,
     say,
 )
 from posecast.config import did_you_mean
 from posecast.errors import ConfigError, SkeletonError
-
-if TYPE_CHECKING:
-    from posecast.motion.corpus import Corpus
-    from posecast.recipe import Recipe
 
 Overrides = Annotated[
     list[str] | None, typer.Argument(help="key.path=value, such as training.epochs=100")
@@ -362,14 +357,6 @@ def forecast(
         )
     save_clip(continued, out)
     say(f"{out} written: the forecast begins after {known.frames} frames")
-
-
-def read_corpus(recipe: Recipe, root: Path | None) -> Corpus:
-    """A recipe's corpus, with a bar while files are parsed for the first time."""
-    kind = recipe.config["corpus"]["kind"]
-    check_root(kind, root)
-    with progress_bar(f"reading {kind}") as advance:
-        return recipe.build_corpus(root, progress=advance)
 
 
 def _recipe_row(name: str) -> dict[str, str | int | None]:

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from posecast.cli.compared import Contestant
 from posecast.cli.comparing import contest, write
 from posecast.cli.reproduced import Found, Reproduction
-from posecast.cli.terminal import progress_bar, say
+from posecast.cli.terminal import read_corpus, say
 from posecast.corpora import CORPORA
 from posecast.errors import ConfigError
 from posecast.evaluation import (
@@ -222,14 +221,13 @@ def _key(recipe: Recipe) -> str:
     return json.dumps([recipe.config["corpus"], recipe.fps], sort_keys=True)
 
 
-def _read(recipes: Any, roots: Mapping[str, Path]) -> dict[str, Corpus]:
+def _read(recipes: Iterable[Sequence[Recipe]], roots: Mapping[str, Path]) -> dict[str, Corpus]:
     """Every corpus once."""
     data: dict[str, Corpus] = {}
     for runs in recipes:
         recipe = runs[0]
         if _key(recipe) not in data:
-            with progress_bar(f"reading {_kind(recipe)}") as advance:
-                data[_key(recipe)] = recipe.build_corpus(roots.get(_kind(recipe)), progress=advance)
+            data[_key(recipe)] = read_corpus(recipe, roots.get(_kind(recipe)))
     return data
 
 

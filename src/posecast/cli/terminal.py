@@ -8,11 +8,15 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from posecast.errors import ConfigError
+
+if TYPE_CHECKING:
+    from posecast.motion.corpus import Corpus
+    from posecast.recipe import Recipe
 
 GENERATED = "synthetic"
 """The corpus that is read from no folder."""
@@ -114,3 +118,11 @@ def _finite(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [_finite(item) for item in value]
     return value
+
+
+def read_corpus(recipe: Recipe, root: Path | None) -> Corpus:
+    """A recipe's corpus, with a bar while files are parsed for the first time."""
+    kind = str(recipe.config["corpus"]["kind"])
+    check_root(kind, root)
+    with progress_bar(f"reading {kind}") as advance:
+        return recipe.build_corpus(root, progress=advance)
