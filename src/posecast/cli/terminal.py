@@ -24,6 +24,10 @@ GENERATED = "synthetic"
 JsonOption = Annotated[
     bool, typer.Option("--json", help="Print one JSON object and nothing else, for programs.")
 ]
+Overrides = Annotated[
+    list[str] | None, typer.Argument(help="key.path=value, such as training.epochs=100")
+]
+
 CorpusOption = Annotated[
     str | None,
     typer.Option("--corpus", help="Named corpus: synthetic, cmu-salsa, h36m, folder, ..."),

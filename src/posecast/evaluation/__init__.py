@@ -9,7 +9,8 @@ from posecast.evaluation.metrics import METRICS
 from posecast.evaluation.motion_metrics import joint_jitter
 from posecast.evaluation.npss import npss
 from posecast.evaluation.prediction import Predictor, Replayer
-from posecast.evaluation.protocol import PROTOCOLS, Protocol, build_protocol
+from posecast.evaluation.protocol import Protocol
+from posecast.evaluation.protocols import PROTOCOLS, build_protocol
 from posecast.evaluation.published import Published, find_published, published_tables
 from posecast.evaluation.report import Report, baseline_scores, evaluate
 from posecast.evaluation.scores import AVERAGE, Row, Scores

@@ -7,22 +7,19 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any
 
 import torch
 
-from posecast.config import (
-    check_call,
-    check_keys,
-    did_you_mean,
-    pick_kind,
-)
-from posecast.corpora import COMMON, CORPORA, build_corpus, h36m
+from posecast.config import check_call, check_keys, pick_kind
+from posecast.corpora import COMMON, CORPORA, build_corpus
 from posecast.corpora.gait.body import SKELETON
-from posecast.errors import ConfigError, SkeletonError
-from posecast.evaluation.protocol import PROTOCOLS, Protocol
+from posecast.errors import ConfigError
+from posecast.evaluation.protocol import Protocol
+from posecast.evaluation.protocols import PROTOCOLS
 from posecast.model import BACKBONES, HEADS, ControlLayers, Forecaster
 from posecast.motion.corpus import Corpus
+from posecast.recipe.codec_section import codec_of_section
 from posecast.representation import (
     REPRESENTATIONS,
     Codec,
@@ -52,11 +49,6 @@ CORPUS_SKELETONS: Mapping[str, Callable[[], Skeleton]] = {
     "amass-first": lambda: named_skeleton("smpl-22").skeleton,
 }
 """Skeletons of corpora that are known before any file is read."""
-
-ACTION_LISTS: Mapping[str, tuple[str, ...]] = {"h36m": h36m.ACTIONS}
-"""Actions of corpora, for ``codec.actions``."""
-
-Standardize = Literal["none", "deviation", "variance"]
 
 
 @dataclass(frozen=True)
@@ -90,7 +82,7 @@ class Recipe:
         self._check_kind(REPRESENTATIONS, "representation", ("skeleton",))
         self._check_kind(PROTOCOLS, "protocol")
         check_call(
-            _codec,
+            codec_of_section,
             config["codec"],
             where=self._at("codec"),
             provided=("skeleton", "represent", "statistics"),
@@ -219,7 +211,7 @@ class Recipe:
         def represent(written: Skeleton) -> Representation:
             return build_representation(kind, written, **options)
 
-        return _codec(skeleton, represent, statistics, **self.config["codec"])
+        return codec_of_section(skeleton, represent, statistics, **self.config["codec"])
 
     def measure(self, corpus: Corpus) -> Statistics | None:
         """Statistics of the training split; ``None`` if the recipe does not standardize.
@@ -332,38 +324,3 @@ def _flat(section: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
         else:
             flat[prefix + key] = value
     return flat
-
-
-def _codec(
-    skeleton: Skeleton,
-    represent: Callable[[Skeleton], Representation],
-    statistics: Statistics | None,
-    *,
-    root: Literal["none", "displacement"] = "none",
-    standardize: Standardize = "none",
-    joints: str | list[str] | None = None,
-    actions: str | list[str] | None = None,
-) -> Codec:
-    """A codec from a recipe's section ``codec``; its keywords are that section's keys."""
-    if standardize not in get_args(Standardize):
-        raise ConfigError(f"codec.standardize: {standardize!r} is not known")
-    if isinstance(actions, str) and actions not in ACTION_LISTS:
-        known = did_you_mean(actions, ACTION_LISTS)
-        raise ConfigError(f"codec.actions: {actions!r} is no list of actions; {known}")
-    told = ACTION_LISTS[actions] if isinstance(actions, str) else tuple(actions or ())
-    written, chosen = skeleton, None
-    if joints is not None:
-        try:
-            names = named_skeleton(joints).skeleton.names if isinstance(joints, str) else joints
-            chosen = tuple(sorted({skeleton.index(name) for name in names}))
-            written = skeleton.select(chosen)
-        except SkeletonError as error:
-            raise ConfigError(f"codec.joints: {error}") from None
-    return Codec(
-        skeleton,
-        represent(written),
-        root=root,
-        statistics=statistics,
-        joints=chosen,
-        actions=told,
-    )

@@ -2,19 +2,12 @@
 
 from __future__ import annotations
 
-import atexit
-import importlib.util
 import json
-import logging
 import os
-import warnings
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
-
-import torch
 
 from posecast.errors import ConfigError, DataError, SkeletonError
 from posecast.model.forecaster import Forecaster
@@ -25,14 +18,10 @@ from posecast.training.keeping import BEST, LAST, RUN_FILES, STATE, Best, Keeper
 from posecast.training.objective import Objective
 from posecast.training.plan import Machines, Plan, require_lightning
 from posecast.training.sampling import EveryRecording, Sampling, Windows
-from posecast.training.state import (
-    TrainingState,
-    check_settings,
-    read_state,
-)
+from posecast.training.state import TrainingState, check_settings, read_state
+from posecast.training.trainer import build_trainer, quiet_lightning, run_training, training_mode
 
 if TYPE_CHECKING:
-    from lightning.pytorch import Trainer
     from lightning.pytorch.loggers import Logger
 
     from posecast.training.module import TrainingModule
@@ -151,10 +140,10 @@ def fit(
     if begin is not None and (begin.epoch == plan.epochs or keeper.is_enough()):
         main = os.environ.get("RANK", "0") == "0"
         return FitResult(folder, begin.epoch, begin.updates, {}, keeper.best, windows.skipped, main)
-    with _quiet_lightning(), _training_mode(forecaster):
+    with quiet_lightning(), training_mode(forecaster):
         module = _module(forecaster, windows, plan, objective, feed, begin, keeper)
-        trainer = _trainer(plan, machines or Machines(), folder, begin, loggers)
-        _run(trainer, module, keeper, progress=progress)
+        trainer = build_trainer(plan, machines or Machines(), folder, begin, loggers)
+        run_training(trainer, module, keeper, progress=progress)
         best = trainer.strategy.broadcast(keeper.best)
     return FitResult(
         folder,
@@ -260,98 +249,3 @@ def _module(
         after_epoch=keeper.after_epoch,
         is_enough=None if plan.patience is None else keeper.is_enough,
     )
-
-
-def _trainer(
-    plan: Plan,
-    machines: Machines,
-    folder: Path,
-    begin: TrainingState | None,
-    loggers: Sequence[Logger] | None,
-) -> Trainer:
-    """A Lightning trainer that counts epochs and steps, and leaves everything else to us."""
-    from lightning.fabric.utilities.exceptions import MisconfigurationException
-    from lightning.pytorch import Trainer
-    from lightning.pytorch.loggers import TensorBoardLogger
-
-    done = 0 if begin is None else begin.epoch
-    if loggers is None and importlib.util.find_spec("tensorboard"):
-        loggers = [TensorBoardLogger(folder, name="", version="tensorboard", purge_step=done + 1)]
-    try:
-        return Trainer(
-            accelerator=machines.accelerator,
-            devices=machines.processes,
-            num_nodes=machines.machines,
-            strategy=machines.strategy,
-            max_epochs=plan.epochs - done,
-            logger=list(loggers or ()),
-            log_every_n_steps=1,
-            default_root_dir=folder,
-            enable_checkpointing=False,
-            enable_progress_bar=False,
-            enable_model_summary=False,
-            use_distributed_sampler=False,
-        )
-    except (MisconfigurationException, TypeError, ValueError) as error:
-        # Lightning looks for the devices here, and each of its accelerators says no in its own way.
-        reason = " ".join(str(error).split())
-        raise ConfigError(
-            f"accelerator {machines.accelerator!r}, devices {machines.devices}, "
-            f"nodes {machines.nodes}: {reason}; leave them out to take what there is"
-        ) from None
-
-
-def _run(trainer: Trainer, module: TrainingModule, keeper: Keeper, *, progress: bool) -> None:
-    """Train, with PyTorch's random streams put back afterwards."""
-    if trainer.world_size > 1:
-        atexit.register(_leave_group)
-    device = trainer.strategy.root_device
-    own = [device] if device.type == "cuda" else []
-    with ExitStack() as stack:
-        stack.enter_context(torch.random.fork_rng(devices=own))
-        if trainer.is_global_zero:
-            stack.enter_context(keeper.open(progress=progress))
-        try:
-            trainer.fit(module, range(module.windows.steps))
-        except SystemExit as stop:
-            if trainer.interrupted and stop.code == 1:  # what Lightning makes of Ctrl-C
-                raise KeyboardInterrupt from None
-            raise
-
-
-def _leave_group() -> None:
-    """End the threads that processes talk through; one left to the end of Python may abort it."""
-    if torch.distributed.is_initialized():
-        torch.distributed.destroy_process_group()
-
-
-@contextmanager
-def _training_mode(forecaster: Forecaster) -> Iterator[None]:
-    """Dropout and the like are on in here, and as they were afterwards."""
-    before = forecaster.training
-    forecaster.train()
-    try:
-        yield
-    finally:
-        forecaster.train(before)
-
-
-@contextmanager
-def _quiet_lightning() -> Iterator[None]:
-    """Keep back Lightning's notes on hardware and on how it was called; warnings pass, but two."""
-    import lightning.pytorch  # noqa: F401  its import sets the levels that are changed here
-
-    names = ("lightning.pytorch", "lightning.fabric")
-    before = {name: logging.getLogger(name).level for name in names}
-    with warnings.catch_warnings():
-        # On a machine with a GPU that is not wanted: it was the caller who did not want it.
-        warnings.filterwarnings("ignore", "GPU available but not used")
-        # Lightning 2.6 names a class that PyTorch 2.13 has renamed; nobody here can change that.
-        warnings.filterwarnings("ignore", r"`isinstance\(treespec, LeafSpec\)` is deprecated")
-        for name in names:
-            logging.getLogger(name).setLevel(logging.WARNING)
-        try:
-            yield
-        finally:
-            for name, level in before.items():
-                logging.getLogger(name).setLevel(level)
