@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 import torch
+from tests.io.glb_reference import Glb
 
 from posecast.cli.main import main
 from posecast.corpora.synthetic import make_clip
@@ -51,6 +52,15 @@ def test_the_action_that_is_said_changes_the_forecast(told: Path, tmp_path: Path
     assert torch.equal(a, c)
     assert torch.equal(a[: CLIP.frames], b[: CLIP.frames])
     assert not torch.equal(a[CLIP.frames :], b[CLIP.frames :])
+
+
+def test_a_forecast_is_written_as_an_animated_armature(told: Path, tmp_path: Path) -> None:
+    for name in ("a.bvh", "a.glb"):
+        walk, out = tmp_path / "walk.bvh", tmp_path / name
+        assert forecast(told, walk, "--out", out, "--action", "jog") == 0
+    expected, glb = read_clip(tmp_path / "a.bvh"), Glb(tmp_path / "a.glb")
+    assert len(glb.times) == expected.frames > CLIP.frames
+    assert [node["name"] for node in glb.json["nodes"][:-2]] == list(expected.skeleton.names)
 
 
 def test_an_action_that_is_not_said_or_not_known_is_refused(

@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 import torch
 import typer.main
+from tests.io.glb_reference import Glb
 
 from posecast.cli.main import app, main
 from posecast.corpora.synthetic import make_clip
@@ -131,7 +132,19 @@ def test_a_folder_is_converted_whole_without_its_licence(
     assert (tmp_path / "out" / "more" / "WALK.npz").is_file()
     refused = posecast("convert", walk.parent, tmp_path / "out")
     assert refused.code == 2
-    assert "--to bvh or --to npz" in refused.err
+    assert "--to bvh, --to glb or --to npz" in refused.err
+
+
+def test_a_clip_and_a_folder_become_animated_armatures(
+    posecast: Callable[..., Outcome], walk: Path, tmp_path: Path
+) -> None:
+    outcome = posecast("convert", walk, tmp_path / "slow.glb", "--resample", "25")
+    assert (outcome.code, outcome.out, outcome.err) == (0, "", "")
+    glb = Glb(tmp_path / "slow.glb")
+    assert len(glb.times) == 75
+    assert glb.json["asset"]["extras"]["fps"] == pytest.approx(25)
+    assert posecast("convert", walk.parent, tmp_path / "out", "--to", "glb").code == 0
+    assert len(Glb(tmp_path / "out" / "walk.glb").times) == 150
 
 
 def test_two_files_of_a_folder_never_become_one(
@@ -294,6 +307,10 @@ MISTAKES = {
         ],
         "training.adversary: continuity has weight -0.5; expected more than 0",
     ),
+    "an armature to be read": (
+        ["convert", "walk.glb", "out.bvh"],
+        "GLB is only written; keep the clip as .bvh or .npz beside it, and read that",
+    ),
     "a picture nobody can draw": (["view", "WALK", "--out", "walk.docx"], "walk.docx"),
     "an unknown option": (["inspect", "--colour"], "No such option"),
 }
@@ -353,7 +370,8 @@ def test_a_body_without_bones_is_not_drawn_and_is_noted_where_it_is_written(
     refused = posecast("view", source, "--out", tmp_path / "a.png")
     assert refused.code == 2
     assert "give the body at rest (--template FILE)" in refused.err
-    assert "no bone lengths" in posecast("convert", source, tmp_path / "a.bvh").err
+    for written in ("a.bvh", "a.glb"):
+        assert "no bone lengths" in posecast("convert", source, tmp_path / written).err
     assert "no bone lengths" in posecast("inspect", source).out
     drawn = posecast("view", source, "--out", tmp_path / "a.png", "--template", body)
     assert (drawn.code, (tmp_path / "a.png").is_file()) == (0, True)

@@ -30,7 +30,7 @@ def clip() -> Clip:
 
 def test_the_formats_are_those_of_the_table_in_the_documents():
     assert sorted(READERS) == [".amc", ".bvh", ".npz", ".pkl", ".txt"]
-    assert sorted(WRITERS) == [".bvh", ".npz"]
+    assert sorted(WRITERS) == [".bvh", ".glb", ".npz"]
 
 
 @pytest.mark.parametrize("name", ["a.npz", "a.NPZ", "a.bvh", "a.BVH"])
@@ -65,6 +65,7 @@ def test_human36m_text_and_amc_are_found_by_extension(tmp_path):
     [
         ("01.asf", "name the .amc file"),
         ("a.fbx", "export it as BVH"),
+        ("a.gltf", "GLB is only written"),
         ("a.mat", "convert it first"),
         ("a", "convert it first"),
     ],
@@ -74,9 +75,16 @@ def test_an_unknown_extension_is_answered_with_the_known_ones_and_a_remedy(
 ):
     with pytest.raises(DataError, match=rf"read: \.amc, \.bvh, \.npz, \.pkl, \.txt; .*{remedy}"):
         read_clip(tmp_path / name)
-    with pytest.raises(DataError, match=r"write: \.bvh, \.npz; "):
+    with pytest.raises(DataError, match=r"write: \.bvh, \.glb, \.npz; "):
         write_clip(clip, tmp_path / name)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_glb_is_written_and_reading_it_is_refused(tmp_path, clip):
+    assert write_clip(clip, tmp_path / "a.GLB") == ()
+    assert (tmp_path / "a.GLB").read_bytes()[:4] == b"glTF"
+    with pytest.raises(DataError, match=r"a\.GLB: extension '\.glb', .*GLB is only written; keep"):
+        read_clip(tmp_path / "a.GLB")
 
 
 @pytest.mark.parametrize("extension", sorted(READERS))

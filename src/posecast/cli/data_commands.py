@@ -43,7 +43,7 @@ def convert(
     source: Annotated[Path, typer.Argument(help="A file, or a folder of files (with --to).")],
     target: Annotated[Path, typer.Argument(help="The file or folder to write.")],
     to: Annotated[
-        str | None, typer.Option("--to", help="bvh or npz: what a folder is converted to.")
+        str | None, typer.Option("--to", help="bvh, glb or npz: what a folder is converted to.")
     ] = None,
     fps: FpsOption = None,
     unit: UnitOption = None,
@@ -54,7 +54,7 @@ def convert(
         float | None, typer.Option("--resample", help="Frame rate of the output.")
     ] = None,
 ) -> None:
-    """Convert motion capture: BVH, ASF/AMC, H3.6M text, AMASS or archive to BVH or archive."""
+    """Convert motion capture: BVH, ASF/AMC, H3.6M text, AMASS or archive to BVH, GLB or archive."""
     reading = Reading(fps, unit=unit, up=up, skeleton=skeleton, template=template)
     if not source.is_dir():
         if to is not None:
@@ -64,8 +64,10 @@ def convert(
         reading.check([source])
         save_clip(_clip_to_convert(source, reading, resample=resample), target)
         return
-    if to not in ("bvh", "npz"):
-        raise ConfigError(f"{source} is a folder: say what to convert to with --to bvh or --to npz")
+    if to not in ("bvh", "glb", "npz"):
+        raise ConfigError(
+            f"{source} is a folder: say what to convert to with --to bvh, --to glb or --to npz"
+        )
     places = _places(source, target, f".{to}")
     reading.check(places.values())
     with progress_bar("converting") as advance:
@@ -172,7 +174,7 @@ def save_clip(clip: Clip, path: Path) -> None:
     from posecast.io import write_clip
 
     notes = write_clip(clip, path)
-    if clip.labels.get("offsets") == "unknown" and path.suffix.lower() == ".bvh":
+    if clip.labels.get("offsets") == "unknown" and path.suffix.lower() in (".bvh", ".glb"):
         notes = (*notes, BODILESS)
     for note in notes:
         say(f"note: {path}: {note}")

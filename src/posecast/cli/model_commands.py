@@ -127,7 +127,7 @@ def train(
 def forecast(
     checkpoint: Annotated[Path, typer.Argument(help="A checkpoint folder.")],
     clip: Annotated[Path, typer.Argument(help="A motion file with the checkpoint's skeleton.")],
-    out: Annotated[Path, typer.Option("--out", help="The BVH or archive to write.")],
+    out: Annotated[Path, typer.Option("--out", help="The BVH, GLB or archive to write.")],
     horizon_ms: Annotated[
         float,
         typer.Option(

@@ -18,6 +18,7 @@ from posecast.io.arrays import array_names
 from posecast.io.asf_amc import read_amc
 from posecast.io.atomic import atomic_write
 from posecast.io.bvh import read_bvh, write_bvh
+from posecast.io.glb import write_glb
 from posecast.io.h36m import read_h36m, read_h36m_columns
 from posecast.motion import Clip
 
@@ -37,6 +38,7 @@ __all__ = [
     "write_archive",
     "write_bvh",
     "write_clip",
+    "write_glb",
 ]
 
 
@@ -116,6 +118,11 @@ def _npz_reader(path: str | PathLike[str]) -> Callable[..., Clip]:
     return read_amass if is_amass(names) or "betas" in names else read_archive
 
 
+def _write_glb(clip: Clip, path: str | PathLike[str]) -> tuple[str, ...]:
+    write_glb(clip, path)
+    return ()
+
+
 def _write_npz(clip: Clip, path: str | PathLike[str]) -> tuple[str, ...]:
     write_archive(clip, path)
     return ()
@@ -132,14 +139,19 @@ READERS: dict[str, Callable[..., Clip]] = {
 
 WRITERS: dict[str, Callable[[Clip, str | PathLike[str]], tuple[str, ...]]] = {
     ".bvh": write_bvh,
+    ".glb": _write_glb,
     ".npz": _write_npz,
 }
 """What writes the files of an extension."""
+
+_WRITTEN_ONLY = "GLB is only written; keep the clip as .bvh or .npz beside it, and read that"
 
 _REMEDIES = {
     ".asf": "it holds a skeleton only; name the .amc file of a recording",
     ".c3d": "markers have no skeleton; solve them to BVH with the software they came from",
     ".fbx": "export it as BVH, for example with Blender",
+    ".glb": _WRITTEN_ONLY,
+    ".gltf": _WRITTEN_ONLY,
 }
 
 
