@@ -9,6 +9,8 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from posecast.version import __version__ as __version__
+
 if TYPE_CHECKING:
     from posecast.corpora import build_corpus
     from posecast.errors import ConfigError, DataError, PosecastError, SkeletonError
@@ -21,8 +23,6 @@ if TYPE_CHECKING:
     from posecast.recipe import Recipe, list_recipes, load_recipe
     from posecast.skeleton import Skeleton
     from posecast.system import System, load, save, train
-
-__version__ = "0.1.0.dev0"
 
 _HOMES = {
     "posecast.corpora": ("build_corpus",),

@@ -12,9 +12,9 @@ from typing import Annotated
 
 import typer
 
-from posecast import __version__
 from posecast.cli import data_commands, model_commands, score_commands
 from posecast.errors import PosecastError
+from posecast.version import __version__
 
 app = typer.Typer(
     name="posecast",

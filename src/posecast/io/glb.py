@@ -14,7 +14,6 @@ import torch
 from jaxtyping import Float, Float32
 from torch import Tensor
 
-from posecast import __version__
 from posecast.errors import DataError
 from posecast.geometry import quaternion
 from posecast.io.atomic import atomic_write
@@ -24,6 +23,7 @@ from posecast.io.glb_container import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, GlbBuf
 from posecast.motion.checks import check_motion
 from posecast.motion.clip import Clip
 from posecast.skeleton import Skeleton
+from posecast.version import __version__
 
 _LARGEST = 2**32 - 2**24
 """Bytes of animation: a file's length is held in 32 bits, and mesh and names need some, too."""
