@@ -59,6 +59,65 @@ def test_a_pickle_of_python_2_is_read(tmp_path):
     assert np.array_equal(read_array_pickle(tmp_path / "old.pkl")["poses"], numbers)
 
 
+def opcodes(*parts: bytes) -> bytes:
+    """A pickled dictionary whose entry ``poses`` is what the parts make."""
+    return b"\x80\x03}X\x05\x00\x00\x00poses" + b"".join(parts) + b"s."
+
+
+ADDRESS = b"B\x08\x00\x00\x00AAAAAAAA"
+OBJECTS = b"cnumpy\ndtype\n(X\x01\x00\x00\x00O\x89\x88tR"
+NUMBERS = b"cnumpy\ndtype\n(X\x02\x00\x00\x00f8\x89\x88tR"
+PLAIN = b"(K\x03X\x01\x00\x00\x00|NNNJ\xff\xff\xff\xffJ\xff\xff\xff\xffK\x00tb"
+BUFFER = b"cnumpy.core.numeric\n_frombuffer\n("
+EMPTY = b"cnumpy.core.multiarray\n_reconstruct\n(cnumpy\nndarray\nK\x00\x85X\x01\x00\x00\x00btR"
+
+
+@pytest.mark.parametrize(
+    "parts",
+    [
+        # Bytes of the file as pointers to objects: the first use would follow them.
+        (b"cnumpy\nndarray\n(K\x01\x85", OBJECTS, ADDRESS, b"tR"),
+        (BUFFER, ADDRESS, OBJECTS, PLAIN, b"K\x01\x85X\x01\x00\x00\x00CtR"),
+        (b"cnumpy.core.multiarray\nscalar\n(", OBJECTS, PLAIN, ADDRESS, b"tR"),
+        # A small file that asks for much, an array without content, one of other types.
+        (b"cnumpy\nndarray\n(J\xff\xff\xff\x7f\x85X\x02\x00\x00\x00f8tR",),
+        (BUFFER, ADDRESS, NUMBERS, b"J\xff\xff\xff\x7f\x85X\x01\x00\x00\x00CtR"),
+        (BUFFER, ADDRESS, NUMBERS, b"J\xff\xff\xff\xff\x85X\x01\x00\x00\x00CtR"),
+        (EMPTY,),
+        (NUMBERS,),
+        (b"cnumpy\nndarray\n",),
+        (NUMBERS, b"(K\x03X\x01\x00\x00\x00|N(X\x01\x00\x00\x00atNK\x08K\x01K\x00tb"),
+        # A state for what every later file is read with.
+        (b"c_codecs\nencode\n(N}X\x0c\x00\x00\x00__defaults__Nstb",),
+        (b"cnumpy\ndtype\n(N}X\x08\x00\x00\x00__init__Nstb",),
+    ],
+)
+def test_what_only_looks_like_an_array_is_refused(tmp_path, parts):
+    (tmp_path / "bad.pkl").write_bytes(opcodes(*parts))
+    with pytest.raises(DataError, match="is no pickle of arrays") as caught:
+        read_array_pickle(tmp_path / "bad.pkl")
+    assert "\n" not in str(caught.value)
+    good = {"poses": poses()}
+    assert np.array_equal(read_array_pickle(write(tmp_path / "a.pkl", good))["poses"], poses())
+
+
+def test_the_pieces_of_these_pickles_make_arrays_when_put_together_rightly(tmp_path):
+    whole = opcodes(BUFFER, ADDRESS, NUMBERS, PLAIN, b"K\x01\x85X\x01\x00\x00\x00CtR")
+    (tmp_path / "good.pkl").write_bytes(whole)
+    found = read_array_pickle(tmp_path / "good.pkl")["poses"]
+    assert np.array_equal(found, np.frombuffer(b"AAAAAAAA", "f8"))
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize("code", ["b1", "i1", "u2", "i8", "f4", "S3", "U2"])
+@pytest.mark.parametrize("layout", ["C", "F"])
+def test_numbers_and_text_of_every_kind_and_layout_are_read(tmp_path, order, code, layout):
+    values = np.asarray(np.arange(6).reshape(2, 3).astype(order + code), order=layout)
+    found = read_array_pickle(write(tmp_path / "a.pkl", {"poses": values}))["poses"]
+    assert found.dtype == values.dtype
+    assert np.array_equal(found, values)
+
+
 class Harmful:
     """Unpickling it writes a file."""
 
