@@ -125,6 +125,15 @@ def test_the_human36m_protocols_give_50_frames_and_ask_for_10(corpus, kind, wind
     assert asked == [((windows, 50, 5, 4), torch.float64, 10)] * 2
 
 
+@pytest.mark.parametrize("kind", ["h36m-standard", "h36m-128", "h36m-long"])
+def test_the_human36m_windows_may_be_measured_by_other_metrics(corpus, kind):
+    chosen = build_protocol(kind, metrics=["joint_angle", "euler"], horizons_ms=[80, 400])
+    scores = chosen.score(ZeroVelocity(), corpus)
+    published = build_protocol(kind, horizons_ms=[80, 400]).score(ZeroVelocity(), corpus)
+    assert {row.metric for row in scores.rows} == {"joint_angle", "euler"}
+    assert scores.value("euler", 400) == published.value("euler", 400)
+
+
 def test_batches_do_not_change_the_result(corpus):
     protocol = build_protocol("h36m-standard")
     asked.clear()

@@ -27,23 +27,34 @@ def build_protocol(kind: str, **options: Any) -> Protocol:
     return make(**arguments)
 
 
-def h36m_standard(horizons_ms: Sequence[Milliseconds] = SHORT_TERM_MS) -> Protocol:
+H36M_METRICS = ("euler", "euler_wrapped", "euler_all")
+
+
+def h36m_standard(
+    horizons_ms: Sequence[Milliseconds] = SHORT_TERM_MS, metrics: Sequence[str] = H36M_METRICS
+) -> Protocol:
     """Human3.6M short-term, 8 windows an action (4 a recording), 50 frames of prefix at 25 fps.
 
     Which angles count depends on how many frames are predicted (``metrics.moving_angles``): the
     published numbers at 80 to 400 ms are those with 10 frames, the default here.
 
+    Args:
+        horizons_ms: when the prediction is compared.
+        metrics: names in ``METRICS``; the published one is ``euler``.
+
     Source: Martinez et al., CVPR 2017; Pavllo et al., IJCV 2019, Table 1.
     """
-    return _h36m("h36m-standard", 4, horizons_ms)
+    return _h36m("h36m-standard", 4, horizons_ms, metrics)
 
 
-def h36m_128(horizons_ms: Sequence[Milliseconds] = SHORT_TERM_MS) -> Protocol:
+def h36m_128(
+    horizons_ms: Sequence[Milliseconds] = SHORT_TERM_MS, metrics: Sequence[str] = H36M_METRICS
+) -> Protocol:
     """As ``h36m-standard`` with 128 windows a recording, 256 an action: far less chance in it.
 
     Source: Pavllo et al., IJCV 2019, Table 2.
     """
-    return _h36m("h36m-128", 128, horizons_ms)
+    return _h36m("h36m-128", 128, horizons_ms, metrics)
 
 
 def short_term(
@@ -119,13 +130,15 @@ def amass_spl(
 LONG_MS: tuple[Milliseconds, ...] = (80, 160, 320, 400, 600, 800, 1000, 2000, 3000, 4000)
 
 
-def h36m_long(horizons_ms: Sequence[Milliseconds] = LONG_MS) -> Protocol:
+def h36m_long(
+    horizons_ms: Sequence[Milliseconds] = LONG_MS, metrics: Sequence[str] = H36M_METRICS
+) -> Protocol:
     """The windows of ``h36m-standard`` up to four seconds, with the mean pose in the table.
 
     Source: Andreou et al. 2022, Table 2; eight windows an action are inferred, see the notes.
     """
     return replace(
-        _h36m("h36m-long", 4, horizons_ms),
+        _h36m("h36m-long", 4, horizons_ms, metrics),
         baselines=("zero-velocity", "running-average-2", "running-average-4", "mean-pose"),
         notes=(
             "Andreou et al. 2022 do not say how many windows they take; their horizons are those "
@@ -238,12 +251,14 @@ def _names(joints: str | Sequence[str] | None) -> tuple[str, ...] | None:
         raise ConfigError(f"protocol.joints: {error}") from None
 
 
-def _h36m(name: str, pairs: int, horizons_ms: Sequence[Milliseconds]) -> Protocol:
+def _h36m(
+    name: str, pairs: int, horizons_ms: Sequence[Milliseconds], metrics: Sequence[str]
+) -> Protocol:
     return Protocol(
         name=name,
         sampling=LegacyDraws(pairs),
         prefix_ms=2000,
         horizons_ms=tuple(horizons_ms),
-        metrics=("euler", "euler_wrapped", "euler_all"),
+        metrics=tuple(metrics),
         fps=25.0,
     )
