@@ -78,6 +78,13 @@ def test_other_systems_are_no_runs_of_the_first(
         score_systems([run, make_run(changed)], corpus=None, root=None, protocol=None, split="test")
 
 
+def test_predictions_are_read_in_one_of_two_ways(run: str) -> None:
+    with pytest.raises(ConfigError, match=r"'emited' is not known; choose valid or emitted"):
+        score_systems(
+            [run, "model.feedback=emited"], corpus=None, root=None, protocol=None, split="test"
+        )
+
+
 def test_one_run_is_not_two(run: str) -> None:
     with pytest.raises(ConfigError, match=r"are of one run, or of two with one seed \(0\)"):
         score_systems([run, run], corpus=None, root=None, protocol=None, split="test")
@@ -103,6 +110,27 @@ def test_options_of_corpus_and_protocol_may_be_given(run: str) -> None:
         assert len(scores.joints_left_out["joint_angle_sum"]) > 10
 
 
+def test_how_predictions_are_read_again_may_be_given(make_run: Callable[..., str]) -> None:
+    # Rotation matrices that a network put out are none until they are projected.
+    run = make_run(
+        "representation.kind=matrix",
+        "model.residual=add",
+        "training.objective.terms={features: 1.0, euler: null, penalty: null, root: null}",
+        "training.objective.order=zyx",
+    )
+    found = {
+        option: score_systems(
+            [run, *option], corpus=None, root=None, protocol="short-term", split="test"
+        )
+        .runs[0]
+        .value("euler", 400)
+        for option in ((), ("model.feedback=valid",), ("model.feedback=emitted",))
+    }
+    own, valid, emitted = found.values()
+    assert own == valid
+    assert abs(emitted - valid) > 1e-4
+
+
 def test_the_amass_metrics_are_for_any_skeleton() -> None:
     protocol = "amass-spl"
     with pytest.raises(ConfigError, match="set joints to null for all but the root"):
@@ -122,11 +150,13 @@ def test_the_amass_metrics_are_for_any_skeleton() -> None:
 @pytest.mark.parametrize(
     ("option", "message"),
     [
-        ("training.epochs=3", "training: scoring has options of corpus and protocol alone"),
-        ("protocol=h36m-128", "protocol: scoring has options of corpus and protocol alone"),
+        ("training.epochs=3", "training: scoring has options of corpus and protocol, such as"),
+        ("protocol=h36m-128", "protocol: scoring has options of corpus and protocol, such as"),
         ("protocol.kind=h36m-128", "protocol.kind: give it as --protocol"),
         ("protocol.jonts=null", "protocol.jonts: unknown key; did you mean 'joints'?"),
         ("corpus.cilps=3", "did you mean 'clips'?"),
+        ("model.residual=add", "and model.feedback alone"),
+        ("model.feedback=emitted", "zero-velocity reads no predictions; leave it out"),
     ],
 )
 def test_options_of_something_else_are_refused(option: str, message: str) -> None:

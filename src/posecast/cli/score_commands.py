@@ -41,7 +41,7 @@ def evaluate(
         typer.Argument(
             help="Checkpoint folders, or zero-velocity, running-average-2, running-average-4, "
             "mean-pose. Several checkpoints are runs of one system: mean and spread are reported. "
-            "And options of corpus and protocol, such as protocol.joints=null."
+            "And options of corpus and protocol, such as protocol.joints=null, and model.feedback."
         ),
     ],
     corpus: CorpusOption = None,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, get_args
 
 from posecast.cli.terminal import check_root, progress_bar
 from posecast.config import did_you_mean, parse_overrides
@@ -13,6 +13,7 @@ from posecast.corpora import build_corpus
 from posecast.errors import ConfigError, SkeletonError
 from posecast.evaluation import BASELINE_NAMES, Protocol, Report, build_protocol, make_baseline
 from posecast.evaluation import evaluate as evaluate_predictors
+from posecast.model.forecaster import Feedback
 from posecast.motion.corpus import Corpus
 from posecast.system import System, load
 
@@ -32,7 +33,8 @@ def score_systems(
 
     Args:
         names: one of ``BASELINE_NAMES``, or checkpoint folders of runs of one recipe; and options
-            of corpus and protocol, such as ``protocol.joints=null``.
+            of corpus and protocol, such as ``protocol.joints=null``, and ``model.feedback``, which
+            trained weights leave open.
         corpus: kind of corpus; ``None``: the one the system was trained on.
         root: folder of the corpus.
         protocol: name of the protocol; ``None``: the one of the system's recipe.
@@ -46,6 +48,8 @@ def score_systems(
     options = _options(names)
     names = [name for name in names if not _is_option(name)]
     if len(names) == 1 and names[0] in BASELINE_NAMES:
+        if options["model"]:
+            raise ConfigError(f"model.feedback: {names[0]} reads no predictions; leave it out")
         if corpus is None:
             raise ConfigError(f"{names[0]} was not trained on any corpus: name one with --corpus")
         chosen = build_protocol(**{"kind": protocol or "short-term", **options["protocol"]})
@@ -63,7 +67,7 @@ def score_systems(
                 f"{name!r} is neither a checkpoint folder nor a baseline; "
                 f"{did_you_mean(name, BASELINE_NAMES)}"
             )
-    systems = [load(name) for name in names]
+    systems = [_reading(load(name), options["model"]) for name in names]
     if len({system.recipe.name for system in systems}) > 1:
         raise ConfigError(
             "runs of different recipes: "
@@ -175,14 +179,26 @@ def _is_option(argument: str) -> bool:
 
 
 def _options(arguments: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """What is given of corpus and protocol."""
+    """What is given of corpus, protocol and model."""
     given = parse_overrides(argument for argument in arguments if _is_option(argument))
     for section, options in given.items():
-        if section not in ("corpus", "protocol") or not isinstance(options, Mapping):
+        known = section in ("corpus", "protocol", "model") and isinstance(options, Mapping)
+        if not known or (section == "model" and set(options) != {"feedback"}):
             raise ConfigError(
-                f"{section}: scoring has options of corpus and protocol alone, such as "
-                "protocol.joints=null"
+                f"{section}: scoring has options of corpus and protocol, such as "
+                "protocol.joints=null, and model.feedback alone"
             )
         if "kind" in options:
             raise ConfigError(f"{section}.kind: give it as --{section}")
-    return {section: dict(given.get(section, {})) for section in ("corpus", "protocol")}
+    return {section: dict(given.get(section, {})) for section in ("corpus", "protocol", "model")}
+
+
+def _reading(system: System, options: Mapping[str, Any]) -> System:
+    """The system, told how to read its own predictions where that is said."""
+    feedback = options.get("feedback", system.forecaster.feedback)
+    if feedback not in get_args(Feedback):
+        raise ConfigError(
+            f"model.feedback: {feedback!r} is not known; choose {' or '.join(get_args(Feedback))}"
+        )
+    system.forecaster.feedback = feedback
+    return system

@@ -19,6 +19,7 @@ from posecast.model.recurrent import Backbone, State
 from posecast.representation import Codec
 
 Residual = Literal["none", "add", "compose"]
+Feedback = Literal["valid", "emitted"]
 
 
 class Prediction(NamedTuple):
@@ -87,7 +88,7 @@ class Forecaster(nn.Module):
         input_dropout: float = 0.0,
         input_noise: float = 0.0,
         input_noise_share: float = 1.0,
-        feedback: Literal["valid", "emitted"] = "valid",
+        feedback: Feedback = "valid",
         projection: int | list[int] | None = None,
         projection_activation: Literal["none", "relu"] = "none",
         still_start: bool = False,
@@ -126,7 +127,7 @@ class Forecaster(nn.Module):
         self.input_dropout = input_dropout
         self.input_noise = input_noise
         self.input_noise_share = input_noise_share
-        self.feedback: Literal["valid", "emitted"] = feedback
+        self.feedback: Feedback = feedback
         self.rectify_projection = projection_activation == "relu"
         sizes = layer_sizes(codec.feature_dim, projection, "projection")
         self.projection = linear_layers(sizes)
