@@ -131,6 +131,23 @@ def test_on_other_recordings_the_papers_numbers_are_left_out(
     assert json.loads((tmp_path / "iccv2019-2.json").read_text("utf-8"))["comparable"] is False
 
 
+def test_the_papers_protocol_alone_does_not_make_its_numbers_comparable(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    code = run(
+        *("reproduce", "sca2022-1", "--rows", "acrnn-quaternion", "--corpus", "synthetic"),
+        *("--small", "--seeds", "1", "model.backbone.hidden=8", "training.epochs=1"),
+        *("training.sampling={kind: random_recordings, steps_per_epoch: 1}", "corpus.clips=24"),
+        *("corpus.seconds=11", "protocol.metrics=[euclidean_cm]", "--quiet", "--out", tmp_path),
+    )
+    text = capsys.readouterr().out
+    assert code == 0
+    assert "corpus synthetic, protocol cmu-acrnn" in text
+    assert "The paper's recordings are not those of synthetic" in text
+    assert "paper |" not in text
+    assert json.loads((tmp_path / "sca2022-1.json").read_text("utf-8"))["comparable"] is False
+
+
 @pytest.mark.parametrize("name", printed_tables())
 def test_every_row_is_scored_under_the_protocol_of_its_table_on_its_recordings(name: str) -> None:
     table = printed_table(name)
