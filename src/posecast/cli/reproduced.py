@@ -5,7 +5,7 @@ from __future__ import annotations
 import statistics
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from posecast.cli.compared import spread
 from posecast.evaluation import METRICS, Predictor, Scores
@@ -149,15 +149,17 @@ def _part(part: PublishedTable, found: Sequence[Found]) -> str:
         ["action", "system", "whose", *columns],
         ["---", "---", "---", *["---:" for _ in columns]],
     ]
-    measured = found[-1].runs[0].actions
+    scores = found[-1].runs[0]
+    measured = scores.actions
     for action in (*measured, *((AVERAGE,) if len(measured) > 1 else ())):
         for each in found:
-            paper = _paper(part, each.printed, action, measured)
+            paper = _paper(part, each.printed, action, scores)
             own = _ours(each, part.metric, action, part.horizons_ms)
             label = action if action != AVERAGE else f"average of {len(measured)}"
             digits = metric.digits
             if paper is not None:
-                rows.append([label, each.printed, "paper", *(f"{v:g}" for v in paper)])
+                cells = [f"{value:.{part.digits}f}" for value in paper.values]
+                rows.append([label, each.printed, paper.whose, *cells])
             rows.append([label, each.system, "ours", *(spread(v, digits) for v in own)])
     return f"**{metric.title} ({metric.unit})**: `{part.metric}`\n\n{markdown_rows(rows)}"
 
@@ -173,17 +175,30 @@ def _own(name: str, found: Sequence[Found]) -> str:
     return f"**{metric.title} ({metric.unit})**: `{name}`\n\n{markdown_rows(rows)}"
 
 
-def _paper(
-    part: PublishedTable, printed: str, action: str, measured: Sequence[str]
-) -> tuple[float, ...] | None:
-    """What the paper prints; its average is taken over the actions that were measured."""
-    actions = part.systems.get(printed, {})
-    if action != AVERAGE:
-        return actions.get(action)
-    if not all(each in actions for each in measured):
+class _Paper(NamedTuple):
+    """A row of the paper: whose its values are said to be, and one a horizon."""
+
+    whose: str
+    values: tuple[float, ...]
+
+
+def _paper(part: PublishedTable, printed: str, action: str, like: Scores) -> _Paper | None:
+    """What the paper prints, or the mean of its cells where it has no average of the same actions.
+
+    Args:
+        part: one metric of a table.
+        printed: name of the row.
+        action: one, or ``average`` over those that were measured.
+        like: what was measured.
+    """
+    cells, measured = part.systems.get(printed, {}), like.actions
+    if action in cells and (action != AVERAGE or len(measured) == like.expected):
+        return _Paper("paper", cells[action])
+    if action != AVERAGE or not all(each in cells for each in measured):
         return None
-    columns = zip(*(actions[each] for each in measured), strict=True)
-    return tuple(round(statistics.fmean(column), 3) for column in columns)
+    columns = zip(*(cells[each] for each in measured), strict=True)
+    means = tuple(statistics.fmean(column) for column in columns)
+    return _Paper(f"paper, mean of the {len(measured)}", means)
 
 
 def _ours(
