@@ -107,3 +107,35 @@ def test_cells_have_the_decimals_of_the_paper() -> None:
     assert digits["iccv2019, Table 7", "amass-spl", "joint_angle_sum"] == 3
     assert digits["sca2022, Table 2", "h36m-long", "euler"] == 4
     assert set(digits.values()) == {2, 3, 4}
+
+
+@pytest.mark.parametrize(
+    ("table", "row", "wanted"),
+    [("bmvc2018-1", "QuaterNet velocity", 8), ("ijcv2019-2", "QuaterNet vel.", 256)],
+)
+def test_windows_of_an_action_are_counted(table: str, row: str, wanted: int) -> None:
+    rows = {row: "quaternet-vel"}
+    whole = reproduction(table, rows, dict.fromkeys(H36M_ACTIONS, wanted))
+    assert "not the same test set" not in whole.to_markdown()
+    assert whole.to_json()["caveats"] == []
+    assert whole.to_json()["paper_windows"] == wanted
+    fewer = reproduction(table, rows, {"walking": wanted, "eating": wanted - 1})
+    said = f"eating {wanted - 1} windows; the paper has {wanted} an action: not the same test set."
+    assert said in fewer.to_markdown().split("\n\n")[1]
+    assert fewer.to_json()["caveats"] == [said]
+    assert fewer.to_json()["windows"] == {"walking": wanted, "eating": wanted - 1}
+
+
+def test_windows_and_recordings_of_the_first_release_are_counted() -> None:
+    published = {"train": 7865, "validation": 343, "test": 385}
+    options = {"table": "iccv2019-2", "rows": {"RNN": "amass-rnn"}, "name": "amass-first"}
+    same = reproduction(**options, windows={"all": 3304}, recordings=published)
+    assert same.to_json()["caveats"] == []
+    other = reproduction(**options, windows={"all": 2}, recordings={**published, "train": 9})
+    said = [
+        "2 windows; the paper has 3304: not the same test set.",
+        "Recordings for training, validation and testing: 9, 343, 385; the paper has 7865, 343, "
+        "385.",
+    ]
+    assert other.to_json()["caveats"] == said
+    assert " ".join(said) in other.to_markdown().split("\n\n")[1]

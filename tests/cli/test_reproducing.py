@@ -101,6 +101,7 @@ def test_the_first_release_is_taken_if_it_is_what_there_is(
     text = capsys.readouterr().out
     # Baselines alone need no training, and are scored as beside the others.
     assert "Ours: corpus amass-first, protocol amass-spl" in text
+    assert "1 window; the paper has 3304: not the same test set. Recordings for training" in text
     assert "| all | Zero-Velocity [20] | paper | 0.37 | 1.22 | 2.44 | 3.94 |" in text
     assert "parameters" not in text
     line = "| all | zero-velocity | ours |"

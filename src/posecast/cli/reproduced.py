@@ -11,7 +11,7 @@ from posecast.cli.compared import spread
 from posecast.evaluation import METRICS, Predictor, Scores
 from posecast.evaluation.published import PublishedTable
 from posecast.evaluation.report import markdown_rows
-from posecast.evaluation.reproduced import PrintedTable, caveat
+from posecast.evaluation.reproduced import PrintedTable, caveats
 from posecast.evaluation.scores import AVERAGE
 from posecast.motion.corpus import Corpus
 
@@ -60,14 +60,13 @@ class Reproduction:
     def to_markdown(self) -> str:
         """What was done, what it cost, then one table a metric, the paper's numbers above ours."""
         table, found = self.table, self.found
-        names = sorted({corpus.name for corpus in self.corpora})
         scores = found[-1].runs[0]
         lead = [
-            f"Ours: corpus {', '.join(names)}, protocol {scores.protocol}; mean ± standard "
+            f"Ours: corpus {', '.join(self._names)}, protocol {scores.protocol}; mean ± standard "
             "deviation over seeds.",
-            *([caveat(name) or "" for name in names] if self.comparable else [self._unlike(names)]),
+            *self.caveats,
         ]
-        blocks = [f"# {table.name}: {table.title}", " ".join(lead).strip()]
+        blocks = [f"# {table.name}: {table.title}", " ".join(lead)]
         if any(each.parameters is not None for each in found):
             blocks.append(markdown_rows(_costs(found)))
         if self.comparable:
@@ -83,8 +82,26 @@ class Reproduction:
         blocks.append("\n".join(f"- {note}" for note in dict.fromkeys(notes)))
         return "\n\n".join(block for block in blocks if block) + "\n"
 
-    def _unlike(self, names: Sequence[str]) -> str:
+    @property
+    def caveats(self) -> tuple[str, ...]:
+        """Why the paper's numbers are left out, or are not quite of the same; sentences."""
+        if not self.comparable:
+            return (self._unlike(),)
+        said = (
+            sentence
+            for each in self.found
+            for corpus in self.corpora
+            for sentence in caveats(self.table, corpus, each.runs[0])
+        )
+        return tuple(dict.fromkeys(said))
+
+    @property
+    def _names(self) -> list[str]:
+        return sorted({corpus.name for corpus in self.corpora})
+
+    def _unlike(self) -> str:
         """Why the paper's numbers are left out."""
+        names = self._names
         if self.found[-1].runs[0].protocol != self.table.protocol:
             what = f"protocol is {self.table.protocol}"
         elif set(names) <= set(self.table.corpora):
@@ -100,6 +117,9 @@ class Reproduction:
             "title": self.table.title,
             "protocol": self.table.protocol,
             "comparable": self.comparable,
+            "caveats": list(self.caveats),
+            "windows": self.found[-1].runs[0].windows,
+            "paper_windows": self.table.windows,
             "rows": [
                 {
                     "row": each.printed,
