@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import pickle
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -167,6 +168,18 @@ def test_what_is_trained_is_not_trained_again(reproduced: Path, recordings: Path
     before = log.read_text()
     assert _reproduce(recordings, reproduced) == 0
     assert log.read_text() == before
+
+
+def test_a_run_with_other_settings_is_refused_before_anything_is_trained(
+    reproduced: Path, recordings: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    last = "amass-rnn-spl-small/1"
+    shutil.copytree(reproduced / last, tmp_path / last)
+    assert _reproduce(recordings, tmp_path, "training.batch=1") == 2
+    said = capsys.readouterr().err
+    assert "this run was started with other settings (batch was 2, now 1)" in said
+    assert [each.name for each in tmp_path.iterdir()] == ["amass-rnn-spl-small"]
+    assert [each.name for each in (tmp_path / "amass-rnn-spl-small").iterdir()] == ["1"]
 
 
 def test_all_tables_are_listed_with_what_stands_for_their_rows(
