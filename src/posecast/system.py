@@ -167,13 +167,7 @@ def train(
     """
     from posecast.training.run import fit
 
-    if corpus.fps != recipe.fps:
-        raise ConfigError(
-            f"{recipe.name} works at {recipe.fps:g} frames per second, the corpus has "
-            f"{corpus.fps:g}; build it at {recipe.fps:g}"
-        )
-    _check_validation(recipe, corpus)
-    _check_actions(recipe, corpus)
+    _check_corpus(recipe, corpus)
     codec = recipe.build_codec(corpus.skeleton, recipe.measure(corpus))
     with torch.random.fork_rng(devices=[]):
         torch.random.manual_seed(recipe.plan.seed)
@@ -204,6 +198,39 @@ def train(
         resume=resume,
         progress=progress,
     )
+
+
+def check(recipe: Recipe, corpus: Corpus, folder: Path) -> None:
+    """Refuse now what ``train`` with ``resume`` would refuse, when several runs are to come.
+
+    Raises:
+        ConfigError: the corpus does not fit, or ``folder`` holds a run with other settings.
+        DataError: the state in ``folder`` is damaged.
+    """
+    from posecast.training.run import check_run
+
+    _check_corpus(recipe, corpus)
+    check_run(
+        corpus,
+        recipe.plan,
+        objective=recipe.objective,
+        feed=recipe.feed,
+        folder=folder,
+        sampling=recipe.sampling,
+        adversary=recipe.adversary,
+        origin=recipe.origin,
+    )
+
+
+def _check_corpus(recipe: Recipe, corpus: Corpus) -> None:
+    """Refuse a corpus that does not fit what is to be trained on it."""
+    if corpus.fps != recipe.fps:
+        raise ConfigError(
+            f"{recipe.name} works at {recipe.fps:g} frames per second, the corpus has "
+            f"{corpus.fps:g}; build it at {recipe.fps:g}"
+        )
+    _check_validation(recipe, corpus)
+    _check_actions(recipe, corpus)
 
 
 def _check_weights(

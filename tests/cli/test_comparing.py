@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import shutil
 import statistics
 from importlib.resources import files
 from pathlib import Path
@@ -103,6 +104,22 @@ def test_what_is_trained_is_not_trained_again(compared: Path) -> None:
     text = (compared / "comparison.md").read_text("utf-8")
     assert "**2 systems on equal terms**" in text
     assert "±" not in text
+
+
+def test_a_run_with_other_settings_is_refused_before_any_other_is_trained(
+    compared: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shutil.copytree(compared / ROWS[1], tmp_path / ROWS[1])
+    with pytest.raises(SystemExit) as stop:
+        main(
+            [
+                *("compare", *ROWS[:2], *TINY, "--corpus", "synthetic", "--quiet"),
+                *("training.batch=1", "--seeds", "1", "--out", str(tmp_path)),
+            ]
+        )
+    assert stop.value.code == 2
+    assert "this run was started with other settings (batch was 2" in capsys.readouterr().err
+    assert [each.name for each in tmp_path.iterdir()] == [ROWS[1]]
 
 
 def test_unequal_terms_are_refused_before_anything_is_trained(

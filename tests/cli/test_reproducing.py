@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import pickle
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -101,6 +102,7 @@ def test_the_first_release_is_taken_if_it_is_what_there_is(
     text = capsys.readouterr().out
     # Baselines alone need no training, and are scored as beside the others.
     assert "Ours: corpus amass-first, protocol amass-spl" in text
+    assert "1 window; the paper has 3304: not the same test set. Recordings for training" in text
     assert "| all | Zero-Velocity [20] | paper | 0.37 | 1.22 | 2.44 | 3.94 |" in text
     assert "parameters" not in text
     line = "| all | zero-velocity | ours |"
@@ -131,6 +133,23 @@ def test_on_other_recordings_the_papers_numbers_are_left_out(
     assert json.loads((tmp_path / "iccv2019-2.json").read_text("utf-8"))["comparable"] is False
 
 
+def test_the_papers_protocol_alone_does_not_make_its_numbers_comparable(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    code = run(
+        *("reproduce", "sca2022-1", "--rows", "acrnn-quaternion", "--corpus", "synthetic"),
+        *("--small", "--seeds", "1", "model.backbone.hidden=8", "training.epochs=1"),
+        *("training.sampling={kind: random_recordings, steps_per_epoch: 1}", "corpus.clips=24"),
+        *("corpus.seconds=11", "protocol.metrics=[euclidean_cm]", "--quiet", "--out", tmp_path),
+    )
+    text = capsys.readouterr().out
+    assert code == 0
+    assert "corpus synthetic, protocol cmu-acrnn" in text
+    assert "The paper's recordings are not those of synthetic" in text
+    assert "paper |" not in text
+    assert json.loads((tmp_path / "sca2022-1.json").read_text("utf-8"))["comparable"] is False
+
+
 @pytest.mark.parametrize("name", printed_tables())
 def test_every_row_is_scored_under_the_protocol_of_its_table_on_its_recordings(name: str) -> None:
     table = printed_table(name)
@@ -149,6 +168,18 @@ def test_what_is_trained_is_not_trained_again(reproduced: Path, recordings: Path
     before = log.read_text()
     assert _reproduce(recordings, reproduced) == 0
     assert log.read_text() == before
+
+
+def test_a_run_with_other_settings_is_refused_before_anything_is_trained(
+    reproduced: Path, recordings: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    last = "amass-rnn-spl-small/1"
+    shutil.copytree(reproduced / last, tmp_path / last)
+    assert _reproduce(recordings, tmp_path, "training.batch=1") == 2
+    said = capsys.readouterr().err
+    assert "this run was started with other settings (batch was 2, now 1)" in said
+    assert [each.name for each in tmp_path.iterdir()] == ["amass-rnn-spl-small"]
+    assert [each.name for each in (tmp_path / "amass-rnn-spl-small").iterdir()] == ["1"]
 
 
 def test_all_tables_are_listed_with_what_stands_for_their_rows(

@@ -124,6 +124,18 @@ def test_the_average_over_all_actions_stands_beside_the_printed_one(make_h36m):
     assert "| average of 15 | zero-velocity |" in report.to_markdown(["euler"])
 
 
+def test_printed_numbers_keep_the_zeros_they_end_in(make_h36m):
+    corpus = make_h36m(["eating", "walking"])
+    text = evaluate(
+        RunningAverage(3), build_protocol("h36m-standard"), corpus, system="h36m-rnn-pjl"
+    ).to_markdown(["euler"])
+    rows = [line for line in text.splitlines() if "| h36m-rnn-pjl |" in line]
+    values = ("0.324", "0.534", "0.816", "0.950")
+    assert all(f"({value})" in rows[0] for value in values)
+    baseline = next(line for line in text.splitlines() if "| walking | running-average-2 |" in line)
+    assert "(0.48)" in baseline
+
+
 def test_several_runs_are_their_mean_with_the_deviation_beside(corpus):
     protocol = build_protocol("h36m-standard")
     runs = [RunningAverage(frames) for frames in (2, 3, 4)]

@@ -112,6 +112,21 @@ def test_the_area_of_a_case_by_hand():
     assert value("pck_auc", half, straight, 18) == pytest.approx(area / 0.299)
 
 
+def test_the_thresholds_are_the_published_ones():
+    assert THRESHOLDS == (0.001, 0.005, 0.01, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3)
+
+
+@pytest.mark.parametrize(("frames", "area"), [(10, 0.07885 / 0.149), (20, 0.20135 / 0.299)])
+def test_every_threshold_has_its_part_in_the_area(frames, area):
+    # The knee is once between each two thresholds in ten frames: the share grows by a tenth at
+    # every one of them. By hand: 0.004 * 0.15 + 0.005 * 0.25 + 0.01 * 0.35 + 0.03 * 0.45
+    # + 0.05 * (0.55 + 0.65), and 0.05 * 0.75 + 0.1 * 0.85 for the last two thresholds.
+    chords = torch.tensor([0.0005, 0.003, 0.007, 0.015, 0.03, 0.07, 0.12, 0.18, 0.25, 0.4])
+    turned = bent(2 * torch.arcsin(chords.double() / 2).repeat(2), frames=20)
+    found = value("pck_auc", turned, bent(0.0, frames=20), frames, counted=(2,))
+    assert found == pytest.approx(area)
+
+
 def test_all_joints_right_or_wrong_is_one_or_zero():
     assert value("pck_auc", bent(0.0), bent(0.0), 24) == pytest.approx(1)
     assert value("pck_auc", bent(3.0), bent(0.0), 24, counted=(2, 3)) == 0

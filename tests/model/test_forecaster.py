@@ -172,14 +172,15 @@ def test_input_noise_has_its_standard_deviation_in_every_feature_of_every_frame(
     assert abs(neighbours) < 0.015
 
 
-def test_only_a_share_of_the_frames_gets_noise_if_asked(make_forecaster):
-    forecaster = make_forecaster(input_noise=0.25, input_noise_share=0.5)
+@pytest.mark.parametrize("share", [0.25, 0.5])
+def test_only_a_share_of_the_frames_gets_noise_if_asked(make_forecaster, share):
+    forecaster = make_forecaster(input_noise=0.25, input_noise_share=share)
     ones = torch.ones(100, 50, 23, dtype=torch.float64)
     noise = forecaster._inputs(ones, None, torch.Generator().manual_seed(0)) - ones
     touched = noise.abs().amax(-1) > 0
     assert torch.equal(touched, noise.abs().amin(-1) > 0)  # all features of a frame, or none
     # 5000 draws: five standard errors.
-    assert touched.double().mean().item() == pytest.approx(0.5, abs=0.036)
+    assert touched.double().mean().item() == pytest.approx(share, abs=0.036)
     assert noise[touched].std().item() == pytest.approx(0.25, abs=0.005)
 
 

@@ -17,7 +17,7 @@ from posecast.io.atomic import atomic_write
 from posecast.motion import Motion
 from posecast.motion.corpus import Corpus
 from posecast.recipe import Recipe, load_recipe
-from posecast.system import System, load, train
+from posecast.system import System, check, load, train
 from posecast.training.keeping import BEST, LAST, LOG, VALIDATIONS
 
 PICTURE_MS = 3000  # how much of a forecast the film shows
@@ -56,8 +56,8 @@ def compare_systems(
         The table, in Markdown.
 
     Raises:
-        ConfigError: no recipe, one named twice, recipes on unequal terms, or an override of what
-            tells runs apart; nothing is trained then.
+        ConfigError: no recipe, one named twice, recipes on unequal terms, an override of what
+            tells runs apart, or a run in ``out`` with other settings; nothing is trained then.
     """
     if not names:
         raise ConfigError("nothing to compare; name recipes, see posecast recipes")
@@ -83,6 +83,8 @@ def compare_systems(
     chosen.frames(first.fps)
     data = read_corpus(first, root)
     chosen.windows(data)
+    for runs in recipes:
+        check_runs(runs, data, out)
     contestants = [contest(runs, data, chosen, out, progress=progress) for runs in recipes]
     say("scoring the baselines")
     baselines = baseline_scores(chosen, data)
@@ -119,13 +121,19 @@ def _terms(recipe: Recipe) -> dict[str, Any]:
     return {**shared, **training}
 
 
+def check_runs(recipes: Sequence[Recipe], corpus: Corpus, out: Path) -> None:
+    """Refuse a run of one recipe that ``contest`` could not train or go on with."""
+    for recipe in recipes:
+        check(recipe, corpus, _place(recipe, out))
+
+
 def contest(
     recipes: Sequence[Recipe], corpus: Corpus, protocol: Protocol, out: Path, *, progress: bool
 ) -> Contestant:
     """Train and score all seeds of one recipe."""
     runs: list[System] = []
     scores = []
-    places = [out / recipe.name / str(recipe.plan.seed) for recipe in recipes]
+    places = [_place(recipe, out) for recipe in recipes]
     for recipe, place in zip(recipes, places, strict=True):
         say(f"{recipe.name}, seed {recipe.plan.seed}: {recipe.plan.epochs} epochs")
         train(recipe, corpus, place, resume=True, progress=progress)
@@ -152,6 +160,10 @@ def contest(
             for place, recipe, rows in zip(places, recipes, logs, strict=True)
         ),
     )
+
+
+def _place(recipe: Recipe, out: Path) -> Path:
+    return out / recipe.name / str(recipe.plan.seed)
 
 
 def _curve(

@@ -5,13 +5,13 @@ from __future__ import annotations
 import statistics
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from posecast.cli.compared import spread
 from posecast.evaluation import METRICS, Predictor, Scores
 from posecast.evaluation.published import PublishedTable
 from posecast.evaluation.report import markdown_rows
-from posecast.evaluation.reproduced import PrintedTable, caveat
+from posecast.evaluation.reproduced import PrintedTable, caveats
 from posecast.evaluation.scores import AVERAGE
 from posecast.motion.corpus import Corpus
 
@@ -60,14 +60,13 @@ class Reproduction:
     def to_markdown(self) -> str:
         """What was done, what it cost, then one table a metric, the paper's numbers above ours."""
         table, found = self.table, self.found
-        names = sorted({corpus.name for corpus in self.corpora})
         scores = found[-1].runs[0]
         lead = [
-            f"Ours: corpus {', '.join(names)}, protocol {scores.protocol}; mean ± standard "
+            f"Ours: corpus {', '.join(self._names)}, protocol {scores.protocol}; mean ± standard "
             "deviation over seeds.",
-            *([caveat(name) or "" for name in names] if self.comparable else [self._unlike(names)]),
+            *self.caveats,
         ]
-        blocks = [f"# {table.name}: {table.title}", " ".join(lead).strip()]
+        blocks = [f"# {table.name}: {table.title}", " ".join(lead)]
         if any(each.parameters is not None for each in found):
             blocks.append(markdown_rows(_costs(found)))
         if self.comparable:
@@ -83,8 +82,26 @@ class Reproduction:
         blocks.append("\n".join(f"- {note}" for note in dict.fromkeys(notes)))
         return "\n\n".join(block for block in blocks if block) + "\n"
 
-    def _unlike(self, names: Sequence[str]) -> str:
+    @property
+    def caveats(self) -> tuple[str, ...]:
+        """Why the paper's numbers are left out, or are not quite of the same; sentences."""
+        if not self.comparable:
+            return (self._unlike(),)
+        said = (
+            sentence
+            for each in self.found
+            for corpus in self.corpora
+            for sentence in caveats(self.table, corpus, each.runs[0])
+        )
+        return tuple(dict.fromkeys(said))
+
+    @property
+    def _names(self) -> list[str]:
+        return sorted({corpus.name for corpus in self.corpora})
+
+    def _unlike(self) -> str:
         """Why the paper's numbers are left out."""
+        names = self._names
         if self.found[-1].runs[0].protocol != self.table.protocol:
             what = f"protocol is {self.table.protocol}"
         elif set(names) <= set(self.table.corpora):
@@ -100,6 +117,9 @@ class Reproduction:
             "title": self.table.title,
             "protocol": self.table.protocol,
             "comparable": self.comparable,
+            "caveats": list(self.caveats),
+            "windows": self.found[-1].runs[0].windows,
+            "paper_windows": self.table.windows,
             "rows": [
                 {
                     "row": each.printed,
@@ -149,15 +169,17 @@ def _part(part: PublishedTable, found: Sequence[Found]) -> str:
         ["action", "system", "whose", *columns],
         ["---", "---", "---", *["---:" for _ in columns]],
     ]
-    measured = found[-1].runs[0].actions
+    scores = found[-1].runs[0]
+    measured = scores.actions
     for action in (*measured, *((AVERAGE,) if len(measured) > 1 else ())):
         for each in found:
-            paper = _paper(part, each.printed, action, measured)
+            paper = _paper(part, each.printed, action, scores)
             own = _ours(each, part.metric, action, part.horizons_ms)
             label = action if action != AVERAGE else f"average of {len(measured)}"
             digits = metric.digits
             if paper is not None:
-                rows.append([label, each.printed, "paper", *(f"{v:g}" for v in paper)])
+                cells = [f"{value:.{part.digits}f}" for value in paper.values]
+                rows.append([label, each.printed, paper.whose, *cells])
             rows.append([label, each.system, "ours", *(spread(v, digits) for v in own)])
     return f"**{metric.title} ({metric.unit})**: `{part.metric}`\n\n{markdown_rows(rows)}"
 
@@ -173,17 +195,30 @@ def _own(name: str, found: Sequence[Found]) -> str:
     return f"**{metric.title} ({metric.unit})**: `{name}`\n\n{markdown_rows(rows)}"
 
 
-def _paper(
-    part: PublishedTable, printed: str, action: str, measured: Sequence[str]
-) -> tuple[float, ...] | None:
-    """What the paper prints; its average is taken over the actions that were measured."""
-    actions = part.systems.get(printed, {})
-    if action != AVERAGE:
-        return actions.get(action)
-    if not all(each in actions for each in measured):
+class _Paper(NamedTuple):
+    """A row of the paper: whose its values are said to be, and one a horizon."""
+
+    whose: str
+    values: tuple[float, ...]
+
+
+def _paper(part: PublishedTable, printed: str, action: str, like: Scores) -> _Paper | None:
+    """What the paper prints, or the mean of its cells where it has no average of the same actions.
+
+    Args:
+        part: one metric of a table.
+        printed: name of the row.
+        action: one, or ``average`` over those that were measured.
+        like: what was measured.
+    """
+    cells, measured = part.systems.get(printed, {}), like.actions
+    if action in cells and (action != AVERAGE or len(measured) == like.expected):
+        return _Paper("paper", cells[action])
+    if action != AVERAGE or not all(each in cells for each in measured):
         return None
-    columns = zip(*(actions[each] for each in measured), strict=True)
-    return tuple(round(statistics.fmean(column), 3) for column in columns)
+    columns = zip(*(cells[each] for each in measured), strict=True)
+    means = tuple(statistics.fmean(column) for column in columns)
+    return _Paper(f"paper, mean of the {len(measured)}", means)
 
 
 def _ours(

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from posecast.cli.compared import Contestant
-from posecast.cli.comparing import contest, write
+from posecast.cli.comparing import check_runs, contest, write
 from posecast.cli.reproduced import Found, Reproduction
 from posecast.cli.terminal import read_corpus, say
 from posecast.corpora import CORPORA
@@ -74,8 +74,8 @@ def reproduce_table(
         The report, in Markdown.
 
     Raises:
-        ConfigError: no such table or row, or nothing can be done as data are missing; nothing is
-            trained then.
+        ConfigError: no such table or row, nothing can be done as data are missing, or a run in
+            ``out`` has other settings; nothing is trained then.
     """
     plan = _plan(
         printed_table(name), wanted, overrides, roots=roots, corpus=corpus, seeds=seeds, small=small
@@ -83,6 +83,8 @@ def reproduce_table(
     data = _read([[plan.first], *plan.ready.values()], roots)
     for each in data.values():
         plan.protocol.windows(each)
+    for runs in plan.ready.values():
+        check_runs(runs, data[_key(runs[0])], out)
     beside = data[_key(plan.first)]
     found: list[Found] = []
     for row, system in plan.rows.items():

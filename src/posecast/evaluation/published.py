@@ -11,7 +11,8 @@ from typing import NamedTuple
 from posecast.evaluation.scores import AVERAGE, Milliseconds
 
 # Our name of a system -> what the papers call it. A name that a paper uses for another system in
-# another table must not be listed; variants of ours, such as small ones, have no published number.
+# another table must not be listed. Variants of ours, such as small ones, are not either: no number
+# is theirs, though ``posecast reproduce --small`` prints what the paper has of the whole form.
 PRINTED_NAMES: Mapping[str, tuple[str, ...]] = {
     "zero-velocity": (
         "Zero-velocity (Martinez et al., CVPR 2017)",
@@ -100,10 +101,12 @@ class Published(NamedTuple):
     Args:
         value: as printed.
         source: paper and table, as ``ijcv2019, Table 2``.
+        digits: decimals that the table prints.
     """
 
     value: float
     source: str
+    digits: int
 
 
 class PublishedTable(NamedTuple):
@@ -129,6 +132,12 @@ class PublishedTable(NamedTuple):
     unit: str
     horizons_ms: tuple[Milliseconds, ...]
     systems: Mapping[str, Mapping[str, tuple[float, ...]]]
+
+    @property
+    def digits(self) -> int:
+        """Decimals of all its cells: as many as the one has that ends in no zero."""
+        rows = (row for actions in self.systems.values() for row in actions.values())
+        return max(len(f"{value:.6g}".partition(".")[2]) for row in rows for value in row)
 
 
 @cache
@@ -189,5 +198,5 @@ def find_published(
         for name in names:
             if action in table.systems.get(name, {}):
                 column = table.horizons_ms.index(horizon_ms)
-                return Published(table.systems[name][action][column], table.source)
+                return Published(table.systems[name][action][column], table.source, table.digits)
     return None

@@ -298,11 +298,5 @@ def _cell(line: Line, digits: int) -> str:
     if line.std is not None:
         text += f" ± {line.std:.{digits}f}"
     if line.published is not None:
-        text += f" ({_as_printed(line.published.value)})"
+        text += f" ({line.published.value:.{line.published.digits}f})"
     return text
-
-
-def _as_printed(value: float) -> str:
-    """A printed number with the decimals it was printed with, but at least two."""
-    digits = len(f"{value:.4f}".rstrip("0").partition(".")[2])
-    return f"{value:.{max(digits, 2)}f}"

@@ -8,7 +8,8 @@ from typing import NamedTuple
 from posecast.config import did_you_mean
 from posecast.errors import ConfigError
 from posecast.evaluation.published import PRINTED_NAMES, PublishedTable, published_tables
-from posecast.evaluation.scores import Milliseconds
+from posecast.evaluation.scores import Milliseconds, Scores
+from posecast.motion.corpus import Corpus
 
 _AMASS: Mapping[str, str] = {
     "Zero-Velocity [20]": "zero-velocity",
@@ -54,6 +55,12 @@ _DIFFERENT: Mapping[str, str] = {
     "cmu-salsa": "The paper's recordings are probably those of another subject, so its numbers say "
     "little of ours.",
 }
+# Windows and recordings behind the printed numbers: section 4 and lists of Aksan et al. 2019, and
+# Pavllo et al. 2019. Andreou et al. 2022 do not say how many windows they take on Human3.6M.
+_WINDOWS: Mapping[str, int] = {"amass-spl": 3304, "h36m-standard": 8, "h36m-128": 256}
+_FILES: Mapping[str, Mapping[str, int]] = {
+    "amass-first": {"train": 7865, "validation": 343, "test": 385},
+}
 
 
 class PrintedTable(NamedTuple):
@@ -78,6 +85,11 @@ class PrintedTable(NamedTuple):
     def corpora(self) -> tuple[str, ...]:
         """Corpora that the paper's numbers may stand beside, the nearest to the paper's first."""
         return _RECORDINGS.get(self.protocol, ("h36m",))
+
+    @property
+    def windows(self) -> int | None:
+        """How many windows the paper says it tests on, of an action where there are several."""
+        return _WINDOWS.get(self.protocol)
 
     @property
     def horizons_ms(self) -> tuple[Milliseconds, ...]:
@@ -147,9 +159,28 @@ def small_form(system: str) -> str:
     return "quaternet-vel-h36m-small" if system == "quaternet-vel" else f"{system}-small"
 
 
-def caveat(corpus: str) -> str | None:
-    """What is to be said where the paper's recordings are not quite those of a corpus."""
-    return _DIFFERENT.get(corpus)
+def caveats(table: PrintedTable, corpus: Corpus, scores: Scores) -> list[str]:
+    """What is to be said where recordings or windows are not quite the paper's; sentences."""
+    if corpus.name in _DIFFERENT:
+        return [_DIFFERENT[corpus.name]]
+    said: list[str] = []
+    wanted = table.windows
+    others = {action: count for action, count in scores.windows.items() if count != wanted}
+    if wanted is not None and others:
+        each = "" if "all" in others else " an action"
+        counts = ", ".join(
+            f"{name} {count}" if each else f"{count}" for name, count in others.items()
+        )
+        what = "window" if [*others.values()] == [1] else "windows"
+        said.append(f"{counts} {what}; the paper has {wanted}{each}: not the same test set.")
+    files = _FILES.get(corpus.name, {})
+    found = {split: len(corpus.splits.get(split, ())) for split in files}
+    if found != files:
+        ours, theirs = (", ".join(map(str, counted.values())) for counted in (found, files))
+        said.append(
+            f"Recordings for training, validation and testing: {ours}; the paper has {theirs}."
+        )
+    return said
 
 
 def _ours(protocol: str, printed: str) -> str:

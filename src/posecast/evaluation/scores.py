@@ -73,6 +73,11 @@ class Scores:
         """Metrics that were measured."""
         return tuple(dict.fromkeys(metric for _, metric in self.values))
 
+    @property
+    def windows(self) -> dict[str, int]:
+        """How many windows of each action were measured."""
+        return {action: len(values) for (action, _), values in self.values.items()}
+
     @cached_property
     def rows(self) -> tuple[Row, ...]:
         """A row for every action, metric and horizon, then those of the average over actions."""

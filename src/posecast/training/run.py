@@ -156,6 +156,31 @@ def fit(
     )
 
 
+def check_run(
+    corpus: Corpus,
+    plan: Plan,
+    *,
+    objective: Objective,
+    feed: Feed,
+    folder: Path,
+    sampling: Sampling | None = None,
+    adversary: Adversary | None = None,
+    origin: Mapping[str, Any] | None = None,
+) -> None:
+    """Refuse a folder now that ``fit`` could not go on with later; nothing is written.
+
+    Args:
+        corpus, plan, objective, feed, folder, sampling, adversary, origin: see ``fit``.
+
+    Raises:
+        ConfigError: the folder has a run with other settings or more epochs, or half of one.
+        DataError: the state in it is damaged.
+    """
+    sampling = sampling or EveryRecording()
+    settings = _settings(plan, objective, feed, sampling, adversary, corpus, origin or {})
+    _state(plan, settings, folder, resume=True)
+
+
 def _settings(
     plan: Plan,
     objective: Objective,
@@ -188,11 +213,26 @@ def _begin(
     forecaster: Forecaster, plan: Plan, settings: Mapping[str, Any], folder: Path, *, resume: bool
 ) -> TrainingState | None:
     """The state to go on from, its weights put into the forecaster; ``None``: a new run."""
-    path = folder / STATE
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise DataError(folder, f"cannot be made ({error.strerror}); choose another") from None
+    state = _state(plan, settings, folder, resume=resume)
+    if state is None:
+        return None
+    try:
+        forecaster.load_state_dict(dict(state.weights))
+    except RuntimeError as error:
+        reason = " ".join(str(error).split())
+        raise ConfigError(f"{folder / STATE}: weights of another forecaster ({reason})") from None
+    return state
+
+
+def _state(
+    plan: Plan, settings: Mapping[str, Any], folder: Path, *, resume: bool
+) -> TrainingState | None:
+    """The state in a folder, of a run with these settings; ``None``: there is no run."""
+    path = folder / STATE
     found = [name for name in RUN_FILES if (folder / name).exists()]
     if found and not resume:
         remedy = "resume it, or choose" if path.exists() else "choose"
@@ -213,11 +253,6 @@ def _begin(
         raise ConfigError(
             f"{path}: {state.epoch} epochs are done, more than the {plan.epochs} asked"
         )
-    try:
-        forecaster.load_state_dict(dict(state.weights))
-    except RuntimeError as error:
-        reason = " ".join(str(error).split())
-        raise ConfigError(f"{path}: weights of another forecaster ({reason})") from None
     return state
 
 
