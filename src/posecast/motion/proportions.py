@@ -14,11 +14,8 @@ from torch import Tensor
 from posecast.config import did_you_mean
 from posecast.errors import ConfigError, SkeletonError
 from posecast.motion.clip import Clip
-from posecast.motion.transforms import PATH
+from posecast.motion.tracks import LENGTHS
 from posecast.skeleton import Skeleton
-
-SPEED = "speed"
-"""Track (T,): metres a second along the path."""
 
 WHOLE = "all"
 """Instead of a part: every bone."""
@@ -70,7 +67,7 @@ def reproportion(clip: Clip, offsets: Float[Tensor, "joints 3"], *, body: str) -
         root_positions=scaled,
         labels={**clip.labels, "body": body},
         tracks={
-            track: values * ratio.to(values) if track in (PATH, SPEED) else values
+            track: values * ratio.to(values) if track in LENGTHS else values
             for track, values in clip.tracks.items()
         },
         source=None,

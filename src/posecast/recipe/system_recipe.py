@@ -91,8 +91,7 @@ class Recipe:
         check_call(Forecaster, model, where=self._at("model"), provided=("codec", *MODEL_PARTS))
         self._check_kind(BACKBONES, "model.backbone", ("input_dim", "skeleton", "joint_dim"))
         self._check_kind(HEADS, "model.head", ("context_dim", "skeleton", "joint_dim", "body"))
-        if config["model"].get("controls") is not None:
-            check_call(ControlLayers, config["model"]["controls"], where=self._at("model.controls"))
+        self._check_controls()
         check_call(Plan, self._without("training", TRAINING_PARTS), where=self._at("training"))
         self._check_kind(FEEDS, "training.feed")
         self._check_kind(SAMPLINGS, "training.sampling")
@@ -103,6 +102,25 @@ class Recipe:
         # Built here only for their own checks: all six are small values.
         _ = self.plan, self.feed, self.sampling, self.objective, self.adversary, self.protocol
         self._check_network()
+
+    def _check_controls(self) -> None:
+        """Refuse controls that nothing prepares, and layers that nothing reaches."""
+        layers, made = self.config["model"].get("controls"), self.config["codec"].get("controls")
+        if layers is not None:
+            place = "model.controls"
+            check_call(
+                ControlLayers,
+                self._section(place),
+                where=self._at(place),
+                provided=("input_dim",),
+            )
+        if (layers is None) != (made is None):
+            found, absent = ("model", "codec") if made is None else ("codec", "model")
+            raise ConfigError(
+                f"{self.name}: {found}.controls is given and {absent}.controls is not; "
+                "codec.controls says what steers, model.controls the layers that prepare it ({}: "
+                "the published ones); give both or neither"
+            )
 
     def _check_top(self, config: Mapping[str, Any]) -> None:
         """Refuse keys at the top that belong there as little as elsewhere, or only elsewhere."""
@@ -238,7 +256,11 @@ class Recipe:
             codec,
             backbone=self._maker(BACKBONES, "model.backbone"),
             head=self._maker(HEADS, "model.head"),
-            controls=None if controls is None else ControlLayers(**controls),
+            controls=(
+                None
+                if controls is None or codec.controls is None
+                else ControlLayers(codec.controls.dim, **controls)
+            ),
             **self._without("model", MODEL_PARTS),
         )
 
