@@ -31,7 +31,7 @@ def turn(motion: Motion, angles: Float[Tensor, "batch"], skeleton: Skeleton) -> 
     offsets = motion.offsets.clone()
     offsets[:, roots] = quaternion.rotate(about_y, offsets[:, roots])
     positions = quaternion.rotate(about_y, motion.root_positions)
-    tracks = None if motion.tracks is None else turned(motion.tracks, angles[:, None])
+    tracks = None if motion.tracks is None else turned(motion.tracks, angles)
     return Motion(rotations, positions, offsets, actions=motion.actions, tracks=tracks)
 
 
