@@ -36,10 +36,22 @@ LONGITUDINAL = "longitudinal"
 LATERAL = "lateral"
 """(..., frames): how far the root is to the left of its place on the path, metres."""
 
+WALKING = "walking"
+"""(..., frames): the phase means something; it does not while standing."""
+
+STEP_RATE = "step_rate"
+"""(..., frames): radians of phase a second; a step is pi."""
+
+DISTANCE = "distance"
+"""(..., frames): metres along the path."""
+
+HEIGHT = "height"
+"""(..., frames): of the root in the world, metres."""
+
 STYLE = "style"
 """(..., frames, styles): 1 for the style of the walk among zeros."""
 
-LENGTHS = (PATH, SPEED, LONGITUDINAL, LATERAL)
+LENGTHS = (PATH, DISTANCE, SPEED, LONGITUDINAL, LATERAL, HEIGHT)
 """Those that grow with the body."""
 
 _DIRECTIONS = (FACING, PATH, MOVEMENT)

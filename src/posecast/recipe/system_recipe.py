@@ -14,12 +14,13 @@ import torch
 from posecast.config import check_call, check_keys, pick_kind
 from posecast.corpora import COMMON, CORPORA, build_corpus
 from posecast.corpora.gait.body import SKELETON
+from posecast.corpora.walks import with_walks
 from posecast.errors import ConfigError
 from posecast.evaluation.protocol import Protocol
 from posecast.evaluation.protocols import PROTOCOLS
 from posecast.model import BACKBONES, HEADS, ControlLayers, Forecaster
 from posecast.motion.corpus import Corpus
-from posecast.recipe.codec_section import codec_of_section
+from posecast.recipe.codec_section import codec_of_section, steering
 from posecast.representation import (
     REPRESENTATIONS,
     Codec,
@@ -27,6 +28,7 @@ from posecast.representation import (
     Statistics,
     build_representation,
 )
+from posecast.representation.root_channels import root_tracks
 from posecast.skeleton import Skeleton
 from posecast.skeleton.catalog import named_skeleton
 from posecast.training.adversary import Adversary
@@ -204,7 +206,8 @@ class Recipe:
         cache: Path | None = None,
         progress: Callable[[int, int], None] | None = None,
     ) -> Corpus:
-        """Read the corpus, at the frame rate of the system.
+        """Read the corpus, at the frame rate of the system; its gait is analysed where the network
+        is steered or follows a path.
 
         Args:
             root: folder of the recordings; a corpus that is generated needs none.
@@ -212,9 +215,14 @@ class Recipe:
             progress: called with (files done, files in all).
         """
         options = dict(self.config["corpus"])
-        return build_corpus(
+        corpus = build_corpus(
             options.pop("kind"), root=root, fps=self.fps, cache=cache, progress=progress, **options
         )
+        section = self.config["codec"]
+        controls = section.get("controls")
+        if controls is None and not root_tracks(section.get("root", "none")):
+            return corpus
+        return with_walks(corpus, () if controls is None else steering(controls).styles)
 
     def build_codec(self, skeleton: Skeleton, statistics: Statistics | None = None) -> Codec:
         """How motion becomes features.
