@@ -28,12 +28,40 @@ CONTACTS = "contacts"
 PHASE = "phase"
 """Track (T,): place in the walk cycle, radians; a period later it is the same place."""
 
+WALKING = "walking"
+"""Track (T,): the phase means something; it does not while standing."""
+
+STEP_RATE = "step_rate"
+"""Track (T,): radians of phase a second."""
 
 FACING = "facing"
 """Track (T, 2): unit vector (x, z) on the floor, where the body faces."""
 
+MOVEMENT = "movement"
+"""Track (T, 2): unit vector (x, z) on the floor, where the path leads."""
+
 PATH = "path"
 """Track (T, 2): place (x, z) on the floor, metres, such as a point of the path followed."""
+
+DISTANCE = "distance"
+"""Track (T,): metres along the path."""
+
+SPEED = "speed"
+"""Track (T,): metres a second along the path."""
+
+LONGITUDINAL = "longitudinal"
+"""Track (T,): the root ahead of its place on the path, metres along the movement."""
+
+LATERAL = "lateral"
+"""Track (T,): the root to the left of its place on the path, metres across the movement."""
+
+HEIGHT = "height"
+"""Track (T,): of the root in the world, metres."""
+
+LENGTHS = frozenset({PATH, DISTANCE, SPEED, LONGITUDINAL, LATERAL, HEIGHT})
+"""Tracks that grow with the body."""
+
+_DIRECTIONS = frozenset({FACING, MOVEMENT})
 
 
 def resample(
@@ -45,8 +73,8 @@ def resample(
     begin at frames 0, 1, 2, 3 and have the label ``phase`` "0" to "3". Any other ratio gives one
     clip, interpolated in time from the first frame on: rotations along the shortest arc after
     unrolling, positions and floating-point tracks linearly, the track ``phase`` along the shorter
-    way round the circle, ``facing`` brought back to unit length, boolean and whole-number tracks
-    from the nearest frame.
+    way round the circle, ``facing`` and ``movement`` brought back to unit length, boolean and
+    whole-number tracks from the nearest frame.
 
     Args:
         clip: at any frame rate; a rate within 0.1 % of a multiple of ``fps`` counts as one.
@@ -130,7 +158,7 @@ def _interpolate_track(
 ) -> Tensor:
     if not values.is_floating_point():
         return values[torch.where(fraction < 0.5, before, after)]
-    if track == FACING:
+    if track in _DIRECTIONS:
         return torch.nn.functional.normalize(_linear(values, before, after, fraction), dim=-1)
     if track != PHASE:
         return _linear(values, before, after, fraction)
@@ -149,9 +177,9 @@ def mirror(clip: Clip) -> Clip:
 
     Joints change places with their twins on the other side, found by name; those without one stay
     on the middle line. The body is reflected too, so asymmetric bones are. The columns of the
-    track ``contacts`` change places, ``phase`` is shifted by half a cycle, ``facing`` and ``path``
-    are reflected; other tracks are kept. The label ``mirrored`` is "yes" after one reflection and
-    gone after two.
+    track ``contacts`` change places, ``phase`` is shifted by half a cycle, ``facing``, ``movement``
+    and ``path`` are reflected, ``lateral`` changes its sign; other tracks are kept. The label
+    ``mirrored`` is "yes" after one reflection and gone after two.
 
     Raises:
         SkeletonError: two joints are twins by name, but their parents are not.
@@ -195,7 +223,9 @@ def _mirrored_tracks(tracks: Mapping[str, Tensor]) -> dict[str, Tensor]:
         mirrored[CONTACTS] = mirrored[CONTACTS].flip(-1)
     if PHASE in mirrored:
         mirrored[PHASE] = _as_written(mirrored[PHASE], mirrored[PHASE] + math.pi)
-    for track in (FACING, PATH):
+    if LATERAL in mirrored:
+        mirrored[LATERAL] = -mirrored[LATERAL]
+    for track in (FACING, MOVEMENT, PATH):
         if track in mirrored:
             mirrored[track] = mirrored[track] * mirrored[track].new_tensor((-1.0, 1.0))
     return mirrored
@@ -204,7 +234,7 @@ def _mirrored_tracks(tracks: Mapping[str, Tensor]) -> dict[str, Tensor]:
 def turn(clip: Clip, angle: float | int) -> Clip:
     """Turn a clip about the vertical axis through the world's origin.
 
-    The tracks ``facing`` and ``path`` are turned along.
+    The tracks ``facing``, ``movement`` and ``path`` are turned along.
 
     Args:
         clip: its roots are turned; all other joints keep their local rotations.
@@ -228,7 +258,7 @@ def turn(clip: Clip, angle: float | int) -> Clip:
         rotations_local=rotations,
         translations_local=moved,
         tracks={
-            track: _turn_on_floor(values, angle) if track in (FACING, PATH) else values
+            track: _turn_on_floor(values, angle) if track in (FACING, MOVEMENT, PATH) else values
             for track, values in clip.tracks.items()
         },
     )
