@@ -2,6 +2,7 @@
 
 from posecast.motion.clip import Clip, Motion
 from posecast.motion.corpus import Corpus, Window, Windows
+from posecast.motion.feet import Feet, find_feet, leg_length
 from posecast.motion.proportions import body_parts, reproportion, scale_body
 from posecast.motion.pruning import drop_joints
 from posecast.motion.store import Store, pack
@@ -10,12 +11,15 @@ from posecast.motion.transforms import mirror, resample, turn, unroll
 __all__ = [
     "Clip",
     "Corpus",
+    "Feet",
     "Motion",
     "Store",
     "Window",
     "Windows",
     "body_parts",
     "drop_joints",
+    "find_feet",
+    "leg_length",
     "mirror",
     "pack",
     "reproportion",
