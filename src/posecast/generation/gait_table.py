@@ -101,8 +101,8 @@ def _measure(
     width = max(float(knots[-1] - knots[0]) / KNOTS, 1e-3)
     weights = torch.exp(-(((speed - knots[:, None]) / width) ** 2) / 2)
     rates = (weights * rate).sum(-1) / weights.sum(-1)
-    most = [torch.quantile(values.abs(), MOST) for values in (sideways, gathering)]
-    return knots, rates, *most, _step_pose(walked, codec)
+    inwards, along = (torch.quantile(each.abs(), MOST) for each in (sideways, gathering))
+    return knots, rates, inwards, along, _step_pose(walked, codec)
 
 
 def _rates(clip: Clip) -> tuple[Tensor, Tensor, Tensor, Tensor]:

@@ -2,6 +2,8 @@
 
 from posecast.motion.clip import Clip, Motion
 from posecast.motion.corpus import Corpus, Window, Windows
+from posecast.motion.feet import Feet, find_feet, leg_length
+from posecast.motion.gait import Gait, analyse_gait, integrated_offset, with_gait
 from posecast.motion.proportions import body_parts, reproportion, scale_body
 from posecast.motion.pruning import drop_joints
 from posecast.motion.store import Store, pack
@@ -10,12 +12,18 @@ from posecast.motion.transforms import mirror, resample, turn, unroll
 __all__ = [
     "Clip",
     "Corpus",
+    "Feet",
+    "Gait",
     "Motion",
     "Store",
     "Window",
     "Windows",
+    "analyse_gait",
     "body_parts",
     "drop_joints",
+    "find_feet",
+    "integrated_offset",
+    "leg_length",
     "mirror",
     "pack",
     "reproportion",
@@ -23,4 +31,5 @@ __all__ = [
     "scale_body",
     "turn",
     "unroll",
+    "with_gait",
 ]

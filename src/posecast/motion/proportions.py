@@ -35,9 +35,10 @@ def reproportion(clip: Clip, offsets: Float[Tensor, "joints 3"], *, body: str) -
     farther. Feet on the floor are then near it again, but not fixed to it: for that the rotations
     would have to change. Back on its old body the clip is what it was.
 
-    The tracks ``path`` and ``speed`` are scaled alike; ``contacts``, ``phase``, ``facing`` and
-    all others are kept, as are name, rotations (the same tensor) and labels. ``source`` is not:
-    the ends of limbs that a file states, which no joint marks, are those of the former body.
+    The tracks ``path``, ``distance``, ``speed``, ``longitudinal``, ``lateral`` and ``height`` are
+    scaled alike; ``contacts``, ``phase``, ``facing`` and all others are kept, as are name,
+    rotations (the same tensor) and labels. ``source`` is not: the ends of limbs that a file states,
+    which no joint marks, are those of the former body.
 
     Args:
         clip: any with rigid bones.
