@@ -23,10 +23,10 @@ from posecast.motion import (
     mirror,
     reproportion,
     resample,
+    tracks,
     turn,
     with_gait,
 )
-from posecast.motion import transforms as tracks
 
 CLIPS = (0, 1, 3, 6, 9)
 """A walk, a turn, a start and stop, a run and others."""

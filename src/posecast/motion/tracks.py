@@ -51,7 +51,7 @@ HEIGHT = "height"
 STYLE = "style"
 """(..., frames, styles): 1 for the style of the walk among zeros."""
 
-LENGTHS = (PATH, DISTANCE, SPEED, LONGITUDINAL, LATERAL, HEIGHT)
+LENGTHS = frozenset({PATH, DISTANCE, SPEED, LONGITUDINAL, LATERAL, HEIGHT})
 """Those that grow with the body."""
 
 _DIRECTIONS = (FACING, PATH, MOVEMENT)
