@@ -2,6 +2,9 @@
 
 from posecast.motion.clip import Clip, Motion
 from posecast.motion.corpus import Corpus, Window, Windows
+from posecast.motion.path import Path
+from posecast.motion.path_scale import PathScale, path_scale
+from posecast.motion.places import Place
 from posecast.motion.proportions import body_parts, reproportion, scale_body
 from posecast.motion.pruning import drop_joints
 from posecast.motion.store import Store, pack
@@ -11,6 +14,9 @@ __all__ = [
     "Clip",
     "Corpus",
     "Motion",
+    "Path",
+    "PathScale",
+    "Place",
     "Store",
     "Window",
     "Windows",
@@ -18,6 +24,7 @@ __all__ = [
     "drop_joints",
     "mirror",
     "pack",
+    "path_scale",
     "reproportion",
     "resample",
     "scale_body",
