@@ -9,6 +9,7 @@ from posecast.motion.proportions import body_parts, reproportion, scale_body
 from posecast.motion.pruning import drop_joints
 from posecast.motion.store import Store, pack
 from posecast.motion.transforms import mirror, resample, turn, unroll
+from posecast.motion.walked_path import path_of
 
 __all__ = [
     "Clip",
@@ -24,6 +25,7 @@ __all__ = [
     "drop_joints",
     "mirror",
     "pack",
+    "path_of",
     "path_scale",
     "reproportion",
     "resample",
