@@ -10,6 +10,7 @@ from posecast.motion.pruning import drop_joints
 from posecast.motion.store import Store, pack
 from posecast.motion.transforms import mirror, resample, turn, unroll
 from posecast.motion.walked_path import path_of
+from posecast.motion.waypoints import WayPoints
 
 __all__ = [
     "Clip",
@@ -19,6 +20,7 @@ __all__ = [
     "PathScale",
     "Place",
     "Store",
+    "WayPoints",
     "Window",
     "Windows",
     "body_parts",
