@@ -16,6 +16,7 @@ from posecast.errors import ConfigError, DataError
 from posecast.evaluation import METRICS
 from posecast.evaluation.scores import AVERAGE, Scores
 from posecast.forecast import forecast_clip
+from posecast.generation.gait_table import GaitTable, measure_gait
 from posecast.model import Forecaster, ForecasterPredictor
 from posecast.motion import Clip
 from posecast.motion.corpus import Corpus
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
 
 STATISTICS = "statistics."
 WEIGHTS = "forecaster."
+GAIT = "gait."
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,12 +42,14 @@ class System:
         forecaster: the network, with its codec.
         offsets: a body for its skeleton, metres.
         progress: how far training had come.
+        gait: what the walks it was trained on are like, for a network that follows paths.
     """
 
     recipe: Recipe
     forecaster: Forecaster
     offsets: tuple[tuple[float, float, float], ...]
     progress: Mapping[str, Any]
+    gait: GaitTable | None = None
 
     @property
     def skeleton(self) -> Skeleton:
@@ -106,7 +110,8 @@ def load(folder: str | Path) -> System:
             f"{checkpoint.fps:g} frames per second, but its recipe has {recipe.fps:g}; copy the "
             "folder again",
         )
-    strange = [name for name in checkpoint.tensors if not name.startswith((WEIGHTS, STATISTICS))]
+    known = (WEIGHTS, STATISTICS, GAIT)
+    strange = [name for name in checkpoint.tensors if not name.startswith(known)]
     if strange:
         raise DataError(folder, f"holds {strange[0]!r}, which no system has; copy the folder again")
     _check_weights(weights, recipe.outline(codec).state_dict(), folder)
@@ -114,7 +119,12 @@ def load(folder: str | Path) -> System:
         forecaster = recipe.build_forecaster(codec)
     forecaster.load_state_dict(weights)
     forecaster.eval()
-    return System(recipe, forecaster, checkpoint.offsets, checkpoint.progress)
+    gait = _part(checkpoint.tensors, GAIT)
+    try:
+        table = GaitTable.of(gait) if gait else None
+    except TypeError:
+        raise DataError(folder, f"gait of {sorted(gait)}; copy the folder again") from None
+    return System(recipe, forecaster, checkpoint.offsets, checkpoint.progress, table)
 
 
 def save(system: System, folder: str | Path) -> None:
@@ -130,6 +140,8 @@ def save(system: System, folder: str | Path) -> None:
     }
     if statistics is not None:
         tensors |= {STATISTICS + name: value for name, value in statistics._asdict().items()}
+    if system.gait is not None:
+        tensors |= {GAIT + name: value for name, value in system.gait.tensors().items()}
     save_checkpoint(
         Checkpoint(
             recipe=system.recipe.config,
@@ -174,9 +186,12 @@ def train(
         forecaster = recipe.build_forecaster(codec)
     body = corpus.clips[corpus.splits["train"][0]].offsets.double().tolist()
     offsets = tuple((x, y, z) for x, y, z in body)
+    gait = None
+    if codec.controls is not None and codec.follows_path:
+        gait = measure_gait(corpus.split("train"), codec, codec.controls.styles)
 
     def write(place: Path, trained: Forecaster, state: Mapping[str, Any]) -> None:
-        save(System(recipe, trained, offsets, state), place)
+        save(System(recipe, trained, offsets, state, gait), place)
 
     def validate(trained: Forecaster) -> dict[str, float]:
         scores = recipe.protocol.score(ForecasterPredictor(trained), corpus, "validation")

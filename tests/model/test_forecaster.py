@@ -276,7 +276,7 @@ for call in (
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines() == [
-        "codec.root: 'velocity' is not known; choose among: none, displacement",
+        "codec.root: 'velocity' is not known; choose among: none, displacement, path, path_lateral",
         "initial_state: 'learnt' is not known; choose 'learned' or 'zero'",
         "initial_state: 'learnt' is not known; choose 'learned' or 'zero'",
         "wiring: 'delay' is not known; choose 'stacked', 'skip' or 'delayed'",

@@ -11,6 +11,8 @@ from typing import Any
 import pytest
 import torch
 
+from posecast.corpora.synthetic import make_clip
+from posecast.corpora.walks import with_walks
 from posecast.errors import ConfigError
 from posecast.geometry import quaternion
 from posecast.model import ZeroVelocity
@@ -51,12 +53,12 @@ FILES = sorted(path.stem for path in RECIPES.glob("*.yaml"))
 
 
 def test_the_recipes_are_all_here() -> None:
-    assert len(FILES) == 60
+    assert len(FILES) == 61
     # Every one but those that are small themselves has a small form.
     assert sorted(list_recipes()) == sorted(
         {*FILES, *(f"{name}-small" for name in FILES if not name.endswith("-small"))}
     )
-    assert len(list_recipes()) == 117
+    assert len(list_recipes()) == 119
 
 
 @pytest.mark.parametrize("name", list_recipes())
@@ -182,6 +184,14 @@ def test_quaternet_on_dual_quaternions_has_the_derived_size_and_the_losses_of_th
         "quaternion": 1.0,
         "penalty": 0.01,
     }
+
+
+def test_the_pose_network_has_the_published_size() -> None:
+    recipe = load_recipe("quaternet-locomotion")
+    # The walks of the paper are of 26 joints.
+    body = Skeleton(tuple(f"joint {number}" for number in range(26)), tuple(range(-1, 25)))
+    outline = recipe.outline(recipe.build_codec(body))
+    assert sum(weight.numel() for weight in outline.parameters()) == 9_529_246
 
 
 def test_published_systems_have_the_published_size() -> None:
@@ -505,6 +515,8 @@ def test_a_recipe_learns_a_tiny_corpus_by_heart(
     recipe = _shrunk(name)
     if recipe.config["model"]["backbone"]["kind"] == "structural_rnn":
         tiny_corpus = _with_legs(tiny_corpus)
+    if recipe.config["codec"].get("controls") is not None:
+        tiny_corpus = _walks()
     result = train(recipe, tiny_corpus, tmp_path / "run", progress=False)
     assert result.best is not None
     with (tmp_path / "run" / "log.csv").open(newline="") as file:
@@ -535,6 +547,14 @@ def _with_legs(corpus: Corpus) -> Corpus:
     return Corpus(corpus.name, clips, corpus.splits)
 
 
+def _walks() -> Corpus:
+    """Two walks of 90 frames, and what their gait is."""
+    clips = [make_clip(index, fps=25.0, seconds=3.6) for index in (0, 1)]
+    return with_walks(
+        Corpus("walks", clips, dict.fromkeys(("train", "validation", "test"), (0, 1)))
+    )
+
+
 EXACT = ("quaternet-vel", "quaternet-abs", "quaternet-vel-tf", "quaternet-vel-small")
 """Those that forecast it within a quarter of the error; of the others the loss must fall."""
 
@@ -551,6 +571,7 @@ def _shrunk(name: str) -> Recipe:
         "training.decay=0.8",
         f"training.sampling={sampling}",
         "protocol={kind: short-term, prefix_ms: 400, metrics: [joint_angle]}",
+        "protocol.horizons_ms=[80, 160, 320, 400]",
         "training.select_best_by=null",
         "fps=25",
     ]

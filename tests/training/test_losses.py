@@ -98,7 +98,8 @@ def fitting(name):
     return [kind for kind, each in made.items() if LOSSES[name].needs <= each.states]
 
 
-PAIRS = [(name, kind) for name in LOSSES if name != "action" for kind in fitting(name)]
+ELSEWHERE = ("action", "displacement")
+PAIRS = [(name, kind) for name in LOSSES if name not in ELSEWHERE for kind in fitting(name)]
 
 
 def test_every_loss_is_used_with_every_representation_that_has_what_it_needs():
@@ -116,6 +117,7 @@ def test_every_loss_is_used_with_every_representation_that_has_what_it_needs():
         "bone_length": 6,
         "velocity": 11,
         "root": 11,
+        "displacement": 11,
         "action": 11,
     }
 
@@ -362,6 +364,43 @@ def test_an_order_that_no_loss_measures_in_is_refused():
     with pytest.raises(ConfigError, match="order 'xyz' changes nothing without the loss 'euler'"):
         Objective({"features": 1.0}, order="xyz")
     assert Objective({"euler": 1.0}, order="xyz").order == "xyz"
+
+
+def along_a_path(tiny, kind="quaternion", shift=(0.0, 0.0, 0.0)):
+    """Two standing frames, predicted with the root shifted: ahead, up, to the left."""
+    codec = Codec(tiny.SKELETON, build_representation(kind, tiny.SKELETON), root="path_lateral")
+    bodies = tiny.OFFSETS.double()[None]
+    still = quaternion.identity(1, 2, 5, like=bodies)
+    joints = codec.representation.encode(still, bodies[:, None])
+    true = codec.merge(joints, torch.zeros(1, 2, 3).double())
+    found = codec.merge(joints, torch.tensor(shift).double().expand(1, 2, 3)).requires_grad_()
+    return Comparison(codec, found, joints, found, true, true[:, 0], bodies)
+
+
+@pytest.mark.parametrize("kind", REPRESENTATIONS)
+def test_along_a_path_the_height_counts_for_every_joint_and_the_floor_once(kind, tiny):
+    shifted = along_a_path(tiny, kind, (0.3, 0.02, -0.4))
+    assert LOSSES["position"](shifted).item() == pytest.approx(0.02, rel=1e-6)
+    assert LOSSES["displacement"](shifted).item() == pytest.approx(0.5)
+    still = along_a_path(tiny, kind)
+    loss = LOSSES["position"](still) + LOSSES["displacement"](still)
+    loss.backward()
+    assert loss.item() == pytest.approx(0, abs=1e-9)
+    assert still.predicted.grad.isfinite().all()
+
+
+def test_an_objective_trains_all_of_a_root_along_a_path_or_refuses(tiny):
+    path = Codec(tiny.SKELETON, Quaternion(), root="path")
+    Objective({"position": 1.0, "displacement": 1.0}).check(path)
+    Objective({"euler": 1.0, "root": 1.0}).check(path)
+    with pytest.raises(ConfigError, match="leaves the height of the root untrained"):
+        Objective({"euler": 1.0, "displacement": 1.0}).check(path)
+    with pytest.raises(ConfigError, match="2 root channels that no loss trains"):
+        Objective({"position": 1.0}).check(path)
+    with pytest.raises(ConfigError, match="needs a root that follows a path"):
+        Objective({"position": 1.0, "root": 1.0, "displacement": 1.0}).check(
+            replace(path, root="displacement")
+        )
 
 
 def test_an_objective_refuses_actions_that_nothing_would_train(tiny):

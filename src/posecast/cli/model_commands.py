@@ -1,4 +1,4 @@
-"""Verbs about systems: demo, recipes, train, forecast."""
+"""Verbs about systems: demo, recipes, train, forecast, walk."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from posecast.cli.terminal import (
     UnitOption,
     UpOption,
     print_json,
+    progress_bar,
     read_corpus,
     say,
 )
@@ -34,6 +35,10 @@ def register(app: typer.Typer) -> None:
     app.command(
         epilog="Example: posecast forecast runs/small/best walk.bvh --horizon-ms 1000 --out out.bvh"
     )(forecast)
+    app.command(
+        epilog="Example: posecast walk runs/locomotion/best --path eight.csv --speed 1.2 "
+        "--out walk.bvh"
+    )(walk)
 
 
 def demo(
@@ -184,6 +189,51 @@ def forecast(
         )
     save_clip(continued, out)
     say(f"{out} written: the forecast begins after {known.frames} frames")
+
+
+def walk(
+    checkpoint: Annotated[Path, typer.Argument(help="A checkpoint folder of a locomotion recipe.")],
+    path: Annotated[Path, typer.Option("--path", help="The path: .csv, .json or .svg.")],
+    out: Annotated[
+        Path, typer.Option("--out", help="What to write: .bvh, .glb, .npz, or .gif and .mp4.")
+    ],
+    speed: Annotated[
+        float | None, typer.Option("--speed", help="m/s where it is straight.")
+    ] = None,
+    arrive: Annotated[
+        list[str] | None,
+        typer.Option("--arrive", help="SECONDS@POINT: be at that way point then; may be repeated."),
+    ] = None,
+    facing: Annotated[
+        float | None, typer.Option("--facing", help="Degrees to the left of the path's direction.")
+    ] = None,
+    style: Annotated[
+        str | None, typer.Option("--style", help="Of those it was trained on.")
+    ] = None,
+    seconds: Annotated[
+        float | None,
+        typer.Option(
+            "--seconds", min=0.1, max=36_000, help="How long; to the path's end by default."
+        ),
+    ] = None,
+) -> None:
+    """Walk along a drawn path."""
+    from posecast.cli.data_commands import save_clip
+    from posecast.cli.walking import Wishes, walk_along
+    from posecast.io.atomic import check_target
+    from posecast.system import load
+
+    check_target(out)
+    wishes = Wishes(speed, arrive or (), facing, style, seconds)
+    clip, course = walk_along(load(checkpoint), path, wishes)
+    if out.suffix.lower() in (".gif", ".mp4", ".png"):
+        from posecast.viewer import draw
+
+        with progress_bar("drawing") as advance:
+            draw([clip], out, titles=[path.stem], progress=advance)
+    else:
+        save_clip(clip, out)
+    say(f"{out} written: {clip.duration:.1f} s along {course.path.length:.1f} m")
 
 
 def _recipe_row(name: str) -> dict[str, str | int | None]:

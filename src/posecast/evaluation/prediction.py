@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple, Protocol, runtime_checkable
 
 import torch
+from torch import Tensor
 
 from posecast.errors import ConfigError
 from posecast.evaluation.metric import EVERY_JOINT, Counting, Scene
@@ -21,6 +22,26 @@ class Predictor(Protocol):
 
     def predict(self, prefix: Motion, horizon: int) -> Motion:
         """The ``horizon`` frames after ``prefix``, without the prefix."""
+        ...
+
+
+@runtime_checkable
+class Steered(Protocol):
+    """A predictor that is told where the motion is to go."""
+
+    @property
+    def steered_by(self) -> tuple[str, ...]:
+        """Names of the tracks it is told; none: it is not told anything."""
+        ...
+
+    def predict_along(self, prefix: Motion, horizon: int, ahead: Mapping[str, Tensor]) -> Motion:
+        """The ``horizon`` frames after ``prefix``.
+
+        Args:
+            prefix: with its tracks.
+            horizon: how many frames.
+            ahead: the tracks of those frames.
+        """
         ...
 
 
@@ -72,14 +93,18 @@ def run_predictor(
         ConfigError: what it returns is not what was asked for.
     """
     prefix, horizon = frames.prefix, frames.horizons[-1]
-    whole = _gather(corpus, windows, prefix + horizon)
+    told = predictor.steered_by if isinstance(predictor, Steered) else ()
+    whole = _gather(corpus, windows, prefix + horizon, told)
     known, target = whole.cut(0, prefix), whole.cut(prefix)
     name = type(predictor).__name__
     predicted: list[Motion] = []
     replayed: list[Motion] = []
     with torch.no_grad():
         for piece, truth in zip(known.split(batch), target.split(batch), strict=True):
-            found = predictor.predict(piece, horizon)
+            if told and isinstance(predictor, Steered):
+                found = predictor.predict_along(piece, horizon, truth.tracks or {})
+            else:
+                found = predictor.predict(piece, horizon)
             predicted.append(_checked(found, truth, f"{name}.predict"))
             if replay and isinstance(predictor, Replayer):
                 found = predictor.replay(piece)
@@ -89,7 +114,9 @@ def run_predictor(
     return Outcome(Motion.join(predicted), target, scene)
 
 
-def _gather(corpus: Corpus, windows: Sequence[Window], length: int) -> Motion:
+def _gather(
+    corpus: Corpus, windows: Sequence[Window], length: int, tracks: Sequence[str]
+) -> Motion:
     """Windows in float64; ``Corpus.gather`` gives the float32 of training."""
     clips = [
         corpus.clips[window.clip].cut(window.start, window.start + length) for window in windows
@@ -99,6 +126,7 @@ def _gather(corpus: Corpus, windows: Sequence[Window], length: int) -> Motion:
         torch.stack([clip.root_positions.double() for clip in clips]),
         torch.stack([clip.offsets.double() for clip in clips]),
         actions=tuple(clip.labels.get("action", "") for clip in clips),
+        tracks={name: corpus.gather_track(windows, length, name).double() for name in tracks},
     )
 
 

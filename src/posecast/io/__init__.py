@@ -20,6 +20,7 @@ from posecast.io.atomic import atomic_write
 from posecast.io.bvh import read_bvh, write_bvh
 from posecast.io.glb import write_glb
 from posecast.io.h36m import read_h36m, read_h36m_columns
+from posecast.io.path_files import read_path, read_waypoints
 from posecast.motion import Clip
 
 __all__ = [
@@ -34,6 +35,8 @@ __all__ = [
     "read_clip",
     "read_h36m",
     "read_h36m_columns",
+    "read_path",
+    "read_waypoints",
     "reader_options",
     "write_archive",
     "write_bvh",

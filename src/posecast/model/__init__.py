@@ -14,8 +14,9 @@ from posecast.model.forecaster import Forecaster, Prediction, Residual
 from posecast.model.head import DenseHead, Head
 from posecast.model.lstm import LSTMBackbone
 from posecast.model.parts_head import PartsHead
+from posecast.model.predictor import ForecasterPredictor
 from posecast.model.recurrent import Backbone, GRUBackbone, State, Summary
-from posecast.model.rollout import ForecasterPredictor, Rollout, Session, rollout
+from posecast.model.rollout import Rollout, Session, rollout
 from posecast.model.structural_rnn import StructuralRNNBackbone
 from posecast.model.structured import StructuredHead
 

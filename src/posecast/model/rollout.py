@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -13,7 +13,6 @@ from torch import Tensor
 from posecast.errors import ConfigError
 from posecast.model.forecaster import Forecaster, Prediction
 from posecast.model.recurrent import State
-from posecast.motion import Motion
 
 
 @dataclass
@@ -200,73 +199,3 @@ def _check(
     read = prefix.shape[1] + horizon - 1
     if controls is not None and controls.shape[1] < read:
         raise ConfigError(f"{read} frames will be read, but there are {controls.shape[1]} controls")
-
-
-@dataclass(frozen=True, eq=False)
-class ForecasterPredictor:
-    """A trained forecaster as a predictor: motion in, motion out, no gradients.
-
-    Args:
-        forecaster: what predicts; it is put into evaluation mode while it does.
-        batch: how many motions are predicted at a time.
-    """
-
-    forecaster: Forecaster
-    batch: int = 256
-
-    def predict(self, prefix: Motion, horizon: int) -> Motion:
-        """The ``horizon`` frames after each prefix, with its precision, on its device.
-
-        The network runs in its own precision on its own device.
-        """
-        features = self._run(prefix, lambda known: rollout(self.forecaster, known, horizon))
-        anchor = prefix.root_positions[:, -1]
-        return self.forecaster.codec.decode(
-            features.to(anchor),
-            offsets=prefix.offsets,
-            anchor=anchor,
-            held=prefix.rotations_local[:, -1],
-        )
-
-    def replay(self, prefix: Motion) -> Motion:
-        """What is expected after each frame of the prefix but the last, read so far: frames 2 on.
-
-        Raises:
-            ConfigError: a prefix of a single frame.
-        """
-
-        def read(known: Tensor) -> Rollout:
-            horizon = known.shape[1] - 1
-            all_true = [True] * horizon
-            return rollout(
-                self.forecaster, known[:, :1], horizon, truth=known[:, 1:], truth_mask=all_true
-            )
-
-        features = self._run(prefix, read)
-        count = features.shape[1]
-        # One frame each, that goes on from the true frame before it.
-        single = self.forecaster.codec.decode(
-            features.to(prefix.root_positions).flatten(0, 1)[:, None],
-            offsets=prefix.offsets.repeat_interleave(count, 0),
-            anchor=prefix.root_positions[:, :-1].flatten(0, 1),
-            held=prefix.rotations_local[:, :-1].flatten(0, 1),
-        )
-        moved = single.translations_local
-        return Motion(
-            single.rotations_local[:, 0].unflatten(0, (-1, count)),
-            single.root_positions[:, 0].unflatten(0, (-1, count)),
-            prefix.offsets,
-            None if moved is None else moved[:, 0].unflatten(0, (-1, count)),
-        )
-
-    def _run(self, prefix: Motion, call: Callable[[Tensor], Rollout]) -> Tensor:
-        """Features that follow, without gradients, a batch at a time."""
-        codec, weight = self.forecaster.codec, next(self.forecaster.parameters())
-        training = self.forecaster.training
-        self.forecaster.eval()
-        try:
-            with torch.inference_mode():
-                pieces = prefix.split(self.batch)
-                return torch.cat([call(codec.encode(p).to(weight)).features for p in pieces])
-        finally:
-            self.forecaster.train(training)

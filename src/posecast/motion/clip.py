@@ -28,6 +28,7 @@ class Motion(NamedTuple):
             each joint from its parent, frame by frame, metres. ``None``: bones are rigid.
         actions: what is done in each motion, as its clip's label ``action`` says, and "" where none
             does. ``None``: nobody asked.
+        tracks: further values a frame, by name: see ``tracks``. ``None``: nobody asked.
     """
 
     rotations_local: Float[Tensor, "batch frames joints 4"]
@@ -35,6 +36,7 @@ class Motion(NamedTuple):
     offsets: Float[Tensor, "batch joints 3"]
     translations_local: Float[Tensor, "batch frames joints 3"] | None = None
     actions: tuple[str, ...] | None = None
+    tracks: Mapping[str, Float[Tensor, "batch frames ..."]] | None = None
 
     @property
     def bones(self) -> Float[Tensor, "batch _ joints 3"]:
@@ -56,7 +58,12 @@ class Motion(NamedTuple):
             change(self.offsets),
             None if moved is None else change(moved),
             self.actions,
+            self._each_track(change),
         )
+
+    def _each_track(self, change: Callable[[Tensor], Tensor]) -> dict[str, Tensor] | None:
+        tracks = self.tracks
+        return None if tracks is None else {name: change(tracks[name]) for name in tracks}
 
     def cut(self, start: int, stop: int | None = None) -> Motion:
         """Frames ``start`` up to, not including, ``stop``, as a slice counts them."""
@@ -66,6 +73,7 @@ class Motion(NamedTuple):
             rotations_local=self.rotations_local[:, piece],
             root_positions=self.root_positions[:, piece],
             translations_local=None if moved is None else moved[:, piece],
+            tracks=self._each_track(lambda values: values[:, piece]),
         )
 
     def split(self, batch: int) -> list[Motion]:
@@ -83,7 +91,7 @@ class Motion(NamedTuple):
     @staticmethod
     def join_frames(motions: Sequence[Motion]) -> Motion:
         """Motions of the same bodies one after the other in time; offsets and actions are those of
-        the first.
+        the first, and tracks are left out.
 
         Bones that stretch in one of them are given frame by frame in all.
         """
@@ -121,7 +129,7 @@ class Motion(NamedTuple):
     @staticmethod
     def join(motions: Sequence[Motion]) -> Motion:
         """Batches one after the other; bones stretch in all or none, actions are known of all or
-        left out."""
+        left out, and so are tracks."""
         moved = [m.translations_local for m in motions if m.translations_local is not None]
         actions = [m.actions for m in motions if m.actions is not None]
         return Motion(
@@ -130,7 +138,17 @@ class Motion(NamedTuple):
             torch.cat([motion.offsets for motion in motions]),
             torch.cat(moved) if moved else None,
             tuple(chain(*actions)) if len(actions) == len(motions) else None,
+            _joined_tracks([motion.tracks for motion in motions]),
         )
+
+
+def _joined_tracks(all_tracks: Sequence[Mapping[str, Tensor] | None]) -> dict[str, Tensor] | None:
+    """Tracks that every batch has, one batch after the other."""
+    known = [tracks for tracks in all_tracks if tracks is not None]
+    if len(known) < len(all_tracks):
+        return None
+    shared = [name for name in known[0] if all(name in tracks for tracks in known)]
+    return {name: torch.cat([tracks[name] for tracks in known]) for name in shared}
 
 
 @dataclass(frozen=True, eq=False)

@@ -192,13 +192,18 @@ class Corpus:
         clips = self.indices(split, labels)
         return Windows(clips, tuple(self.frames[clip] for clip in clips), length, stride)
 
-    def gather(self, windows: Sequence[Window], length: int) -> Motion:
+    def gather(self, windows: Sequence[Window], length: int, tracks: Sequence[str] = ()) -> Motion:
         """Copy windows into one batch, float32, each with the offsets and the action of its clip.
 
         Bones that move (``translations_local``) are taken at their offsets.
 
+        Args:
+            windows: at least one.
+            length: frames in each.
+            tracks: names of those that are copied along, as float32.
+
         Raises:
-            ConfigError: no windows, or one that is not inside its clip.
+            ConfigError: no windows, one that is not inside its clip, or a clip without a track.
         """
         if not len(windows):
             raise ConfigError("a batch needs at least one window; found none")
@@ -213,7 +218,10 @@ class Corpus:
             positions[place] = clip.root_positions[piece]
             offsets[place] = clip.offsets
             actions.append(clip.labels.get("action", ""))
-        return Motion(rotations, positions, offsets, actions=tuple(actions))
+        copied = {name: self.gather_track(windows, length, name).float() for name in tracks}
+        return Motion(
+            rotations, positions, offsets, actions=tuple(actions), tracks=copied if tracks else None
+        )
 
     def gather_track(self, windows: Sequence[Window], length: int, track: str) -> Tensor:
         """Copy one track of the same windows into a batch (batch, length, ...), dtype kept.

@@ -14,11 +14,8 @@ from torch import Tensor
 from posecast.config import did_you_mean
 from posecast.errors import ConfigError, SkeletonError
 from posecast.motion.clip import Clip
-from posecast.motion.transforms import PATH
+from posecast.motion.tracks import LENGTHS
 from posecast.skeleton import Skeleton
-
-SPEED = "speed"
-"""Track (T,): metres a second along the path."""
 
 WHOLE = "all"
 """Instead of a part: every bone."""
@@ -38,9 +35,10 @@ def reproportion(clip: Clip, offsets: Float[Tensor, "joints 3"], *, body: str) -
     farther. Feet on the floor are then near it again, but not fixed to it: for that the rotations
     would have to change. Back on its old body the clip is what it was.
 
-    The tracks ``path`` and ``speed`` are scaled alike; ``contacts``, ``phase``, ``facing`` and
-    all others are kept, as are name, rotations (the same tensor) and labels. ``source`` is not:
-    the ends of limbs that a file states, which no joint marks, are those of the former body.
+    The tracks ``path``, ``distance``, ``speed``, ``longitudinal``, ``lateral`` and ``height`` are
+    scaled alike; ``contacts``, ``phase``, ``facing`` and all others are kept, as are name,
+    rotations (the same tensor) and labels. ``source`` is not: the ends of limbs that a file states,
+    which no joint marks, are those of the former body.
 
     Args:
         clip: any with rigid bones.
@@ -70,7 +68,7 @@ def reproportion(clip: Clip, offsets: Float[Tensor, "joints 3"], *, body: str) -
         root_positions=scaled,
         labels={**clip.labels, "body": body},
         tracks={
-            track: values * ratio.to(values) if track in (PATH, SPEED) else values
+            track: values * ratio.to(values) if track in LENGTHS else values
             for track, values in clip.tracks.items()
         },
         source=None,

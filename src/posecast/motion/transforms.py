@@ -6,7 +6,6 @@ All of them return a new clip and leave the one they are given as it was.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import Literal
 
@@ -17,23 +16,11 @@ from torch import Tensor
 from posecast.errors import ConfigError, SkeletonError
 from posecast.geometry import quaternion
 from posecast.motion.clip import Clip
+from posecast.motion.tracks import FACING, MOVEMENT, PHASE, as_written, mirrored, turned
 from posecast.skeleton import Skeleton
 
 _WHOLE_RATIO = 1e-3
 """Files round their frame time (0.008333 s): a ratio this near to a whole number is one."""
-
-CONTACTS = "contacts"
-"""Track (T, 2): the left foot, then the right foot, touches the floor."""
-
-PHASE = "phase"
-"""Track (T,): place in the walk cycle, radians; a period later it is the same place."""
-
-
-FACING = "facing"
-"""Track (T, 2): unit vector (x, z) on the floor, where the body faces."""
-
-PATH = "path"
-"""Track (T, 2): place (x, z) on the floor, metres, such as a point of the path followed."""
 
 
 def resample(
@@ -45,7 +32,7 @@ def resample(
     begin at frames 0, 1, 2, 3 and have the label ``phase`` "0" to "3". Any other ratio gives one
     clip, interpolated in time from the first frame on: rotations along the shortest arc after
     unrolling, positions and floating-point tracks linearly, the track ``phase`` along the shorter
-    way round the circle, ``facing`` brought back to unit length, boolean and whole-number tracks
+    way round the circle, directions brought back to unit length, boolean and whole-number tracks
     from the nearest frame.
 
     Args:
@@ -130,18 +117,12 @@ def _interpolate_track(
 ) -> Tensor:
     if not values.is_floating_point():
         return values[torch.where(fraction < 0.5, before, after)]
-    if track == FACING:
+    if track in (FACING, MOVEMENT):
         return torch.nn.functional.normalize(_linear(values, before, after, fraction), dim=-1)
     if track != PHASE:
         return _linear(values, before, after, fraction)
     step = torch.remainder(values[after] - values[before] + math.pi, 2 * math.pi) - math.pi
-    return _as_written(values, values[before] + _along(values, fraction) * step)
-
-
-def _as_written(before: Tensor, angles: Tensor) -> Tensor:
-    """Angles in [0, 2 pi) if they were there before; as they are if they count turns."""
-    wrapped = bool(((before >= 0) & (before < 2 * math.pi)).all())
-    return torch.remainder(angles, 2 * math.pi) if wrapped else angles
+    return as_written(values, values[before] + _along(values, fraction) * step)
 
 
 def mirror(clip: Clip) -> Clip:
@@ -149,9 +130,9 @@ def mirror(clip: Clip) -> Clip:
 
     Joints change places with their twins on the other side, found by name; those without one stay
     on the middle line. The body is reflected too, so asymmetric bones are. The columns of the
-    track ``contacts`` change places, ``phase`` is shifted by half a cycle, ``facing`` and ``path``
-    are reflected; other tracks are kept. The label ``mirrored`` is "yes" after one reflection and
-    gone after two.
+    track ``contacts`` change places, ``phase`` is shifted by half a cycle, ``facing``, ``movement``
+    and ``path`` are reflected, ``lateral`` changes its sign; other tracks are kept. The label
+    ``mirrored`` is "yes" after one reflection and gone after two.
 
     Raises:
         SkeletonError: two joints are twins by name, but their parents are not.
@@ -172,7 +153,7 @@ def mirror(clip: Clip) -> Clip:
         rotations_local=clip.rotations_local[:, twins] * signs,
         translations_local=None if moved is None else moved[:, twins] * reflect,
         labels=labels,
-        tracks=_mirrored_tracks(clip.tracks),
+        tracks=mirrored(clip.tracks),
     )
 
 
@@ -189,22 +170,10 @@ def _twins(skeleton: Skeleton) -> list[int]:
     return twins
 
 
-def _mirrored_tracks(tracks: Mapping[str, Tensor]) -> dict[str, Tensor]:
-    mirrored = dict(tracks)
-    if CONTACTS in mirrored:
-        mirrored[CONTACTS] = mirrored[CONTACTS].flip(-1)
-    if PHASE in mirrored:
-        mirrored[PHASE] = _as_written(mirrored[PHASE], mirrored[PHASE] + math.pi)
-    for track in (FACING, PATH):
-        if track in mirrored:
-            mirrored[track] = mirrored[track] * mirrored[track].new_tensor((-1.0, 1.0))
-    return mirrored
-
-
 def turn(clip: Clip, angle: float | int) -> Clip:
     """Turn a clip about the vertical axis through the world's origin.
 
-    The tracks ``facing`` and ``path`` are turned along.
+    The tracks ``facing``, ``movement`` and ``path`` are turned along.
 
     Args:
         clip: its roots are turned; all other joints keep their local rotations.
@@ -227,19 +196,8 @@ def turn(clip: Clip, angle: float | int) -> Clip:
         root_positions=quaternion.rotate(about.to(clip.root_positions), clip.root_positions),
         rotations_local=rotations,
         translations_local=moved,
-        tracks={
-            track: _turn_on_floor(values, angle) if track in (FACING, PATH) else values
-            for track, values in clip.tracks.items()
-        },
+        tracks=turned(clip.tracks, angle),
     )
-
-
-def _turn_on_floor(
-    values: Float[Tensor, "frames 2"], angle: float | int
-) -> Float[Tensor, "frames 2"]:
-    x, z = values.unbind(-1)
-    sine, cosine = math.sin(angle), math.cos(angle)
-    return torch.stack([cosine * x + sine * z, cosine * z - sine * x], dim=-1)
 
 
 def unroll(clip: Clip) -> Clip:

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Literal, get_args
 
-from posecast.config import did_you_mean
+from posecast.config import check_call, did_you_mean
 from posecast.corpora import h36m
 from posecast.errors import ConfigError, SkeletonError
-from posecast.representation import Codec, Representation, Statistics
+from posecast.representation import Codec, Controls, Representation, RootChannels, Statistics
 from posecast.skeleton import Skeleton
 from posecast.skeleton.catalog import named_skeleton
 
@@ -23,10 +23,11 @@ def codec_of_section(
     represent: Callable[[Skeleton], Representation],
     statistics: Statistics | None,
     *,
-    root: Literal["none", "displacement"] = "none",
+    root: RootChannels = "none",
     standardize: Standardize = "none",
     joints: str | list[str] | None = None,
     actions: str | list[str] | None = None,
+    controls: dict[str, object] | None = None,
 ) -> Codec:
     """A codec from a recipe's section ``codec``; its keywords are that section's keys."""
     if standardize not in get_args(Standardize):
@@ -50,4 +51,18 @@ def codec_of_section(
         statistics=statistics,
         joints=chosen,
         actions=told,
+        controls=None if controls is None else steering(controls),
     )
+
+
+def steering(section: Mapping[str, object]) -> Controls:
+    """Controls from the section ``codec.controls``; its keys are the constructor's keywords.
+
+    Raises:
+        ConfigError: a key that is not known, or a value of the wrong type.
+    """
+    check_call(Controls, section, where="controls")
+    styles = section.get("styles", ())
+    movement = str(section.get("movement", "scaled"))
+    assert isinstance(styles, list | tuple)
+    return Controls(tuple(map(str, styles)), movement)

@@ -14,12 +14,13 @@ import torch
 from posecast.config import check_call, check_keys, pick_kind
 from posecast.corpora import COMMON, CORPORA, build_corpus
 from posecast.corpora.gait.body import SKELETON
+from posecast.corpora.walks import with_walks
 from posecast.errors import ConfigError
 from posecast.evaluation.protocol import Protocol
 from posecast.evaluation.protocols import PROTOCOLS
 from posecast.model import BACKBONES, HEADS, ControlLayers, Forecaster
 from posecast.motion.corpus import Corpus
-from posecast.recipe.codec_section import codec_of_section
+from posecast.recipe.codec_section import codec_of_section, steering
 from posecast.representation import (
     REPRESENTATIONS,
     Codec,
@@ -27,6 +28,7 @@ from posecast.representation import (
     Statistics,
     build_representation,
 )
+from posecast.representation.root_channels import root_tracks
 from posecast.skeleton import Skeleton
 from posecast.skeleton.catalog import named_skeleton
 from posecast.training.adversary import Adversary
@@ -91,8 +93,7 @@ class Recipe:
         check_call(Forecaster, model, where=self._at("model"), provided=("codec", *MODEL_PARTS))
         self._check_kind(BACKBONES, "model.backbone", ("input_dim", "skeleton", "joint_dim"))
         self._check_kind(HEADS, "model.head", ("context_dim", "skeleton", "joint_dim", "body"))
-        if config["model"].get("controls") is not None:
-            check_call(ControlLayers, config["model"]["controls"], where=self._at("model.controls"))
+        self._check_controls()
         check_call(Plan, self._without("training", TRAINING_PARTS), where=self._at("training"))
         self._check_kind(FEEDS, "training.feed")
         self._check_kind(SAMPLINGS, "training.sampling")
@@ -103,6 +104,25 @@ class Recipe:
         # Built here only for their own checks: all six are small values.
         _ = self.plan, self.feed, self.sampling, self.objective, self.adversary, self.protocol
         self._check_network()
+
+    def _check_controls(self) -> None:
+        """Refuse controls that nothing prepares, and layers that nothing reaches."""
+        layers, made = self.config["model"].get("controls"), self.config["codec"].get("controls")
+        if layers is not None:
+            place = "model.controls"
+            check_call(
+                ControlLayers,
+                self._section(place),
+                where=self._at(place),
+                provided=("input_dim",),
+            )
+        if (layers is None) != (made is None):
+            found, absent = ("model", "codec") if made is None else ("codec", "model")
+            raise ConfigError(
+                f"{self.name}: {found}.controls is given and {absent}.controls is not; "
+                "codec.controls says what steers, model.controls the layers that prepare it ({}: "
+                "the published ones); give both or neither"
+            )
 
     def _check_top(self, config: Mapping[str, Any]) -> None:
         """Refuse keys at the top that belong there as little as elsewhere, or only elsewhere."""
@@ -186,7 +206,8 @@ class Recipe:
         cache: Path | None = None,
         progress: Callable[[int, int], None] | None = None,
     ) -> Corpus:
-        """Read the corpus, at the frame rate of the system.
+        """Read the corpus, at the frame rate of the system; its gait is analysed where the network
+        is steered or follows a path.
 
         Args:
             root: folder of the recordings; a corpus that is generated needs none.
@@ -194,9 +215,14 @@ class Recipe:
             progress: called with (files done, files in all).
         """
         options = dict(self.config["corpus"])
-        return build_corpus(
+        corpus = build_corpus(
             options.pop("kind"), root=root, fps=self.fps, cache=cache, progress=progress, **options
         )
+        section = self.config["codec"]
+        controls = section.get("controls")
+        if controls is None and not root_tracks(section.get("root", "none")):
+            return corpus
+        return with_walks(corpus, () if controls is None else steering(controls).styles)
 
     def build_codec(self, skeleton: Skeleton, statistics: Statistics | None = None) -> Codec:
         """How motion becomes features.
@@ -238,7 +264,11 @@ class Recipe:
             codec,
             backbone=self._maker(BACKBONES, "model.backbone"),
             head=self._maker(HEADS, "model.head"),
-            controls=None if controls is None else ControlLayers(**controls),
+            controls=(
+                None
+                if controls is None or codec.controls is None
+                else ControlLayers(codec.controls.dim, **controls)
+            ),
             **self._without("model", MODEL_PARTS),
         )
 

@@ -8,9 +8,11 @@ from collections.abc import Callable
 from posecast.errors import ConfigError
 from posecast.representation.base import Content, Representation
 from posecast.representation.codec import Codec, Parts, Statistics
+from posecast.representation.controls import Controls
 from posecast.representation.dual_quaternions import DualQuaternion
 from posecast.representation.joined import Joined
 from posecast.representation.positions import Offsets, Positions
+from posecast.representation.root_channels import RootChannels
 from posecast.representation.rotations import AxisAngle, Euler, Matrix, Ortho6d, Quaternion
 from posecast.skeleton import Skeleton
 
@@ -67,6 +69,7 @@ __all__ = [
     "AxisAngle",
     "Codec",
     "Content",
+    "Controls",
     "DualQuaternion",
     "Euler",
     "Joined",
@@ -77,6 +80,7 @@ __all__ = [
     "Positions",
     "Quaternion",
     "Representation",
+    "RootChannels",
     "Statistics",
     "build_representation",
 ]

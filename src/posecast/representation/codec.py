@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal, NamedTuple
@@ -16,9 +16,15 @@ from posecast.errors import ConfigError, SkeletonError
 from posecast.geometry import quaternion
 from posecast.motion import Motion
 from posecast.representation.base import Representation
+from posecast.representation.controls import Controls
+from posecast.representation.root_channels import (
+    ROOT_CHANNELS,
+    RootChannels,
+    place_root,
+    root_tracks,
+    write_root,
+)
 from posecast.skeleton import Skeleton
-
-ROOT_CHANNELS = {"none": 0, "displacement": 3}
 
 
 class Parts(NamedTuple):
@@ -56,28 +62,34 @@ class Codec:
     forecaster standardizes by ``statistics`` where it reads, and undoes it where it answers.
 
     Signs of quaternions follow one rule, in training and in use: the real part of local rotations
-    is not negative in the first frame, and signs are continuous from there on.
+    is not negative in the first frame, and signs are continuous from there on. Roots that follow a
+    path keep the signs they have in the first frame: who walks in circles turns through both, and
+    windows turned about the vertical by up to two full turns begin with both.
 
     Args:
         skeleton: whose joints are written.
         representation: how each joint is written.
         root: ``none`` writes no root channels, and ``decode`` holds the root at its anchor;
             ``displacement`` writes three, in metres and in the order x, y, z: the height y, and
-            x and z as differences to the frame before (Zhou et al. 2018).
+            x and z as differences to the frame before (Zhou et al. 2018); ``path`` writes where the
+            root is seen from its place on a path: how far ahead, and the height y (Pavllo et al.
+            2018, section 3.4); ``path_lateral`` adds how far to the left.
         statistics: what forecasters of these features standardize by; ``None``: by nothing.
         joints: indices of the joints that are written, ascending; ``representation`` is of
             ``skeleton.select(joints)``. The others are held still. ``None``: all of them.
         actions: names of actions. The one that is done is a feature of 1 among zeros, which the
             network reads, and predicts as it does the rest (Martinez et al. 2017, "supervised");
             ``decode`` leaves it out. None: actions are not told.
+        controls: what steers the motion from outside; ``None``: nothing does.
     """
 
     skeleton: Skeleton
     representation: Representation
-    root: Literal["none", "displacement"] = "none"
+    root: RootChannels = "none"
     statistics: Statistics | None = None
     joints: tuple[int, ...] | None = None
     actions: tuple[str, ...] = ()
+    controls: Controls | None = None
 
     def __post_init__(self) -> None:
         twice = sorted({name for name in self.actions if self.actions.count(name) > 1})
@@ -115,6 +127,17 @@ class Codec:
         return ROOT_CHANNELS[self.root]
 
     @property
+    def follows_path(self) -> bool:
+        """Whether root channels are relative to a path."""
+        return bool(root_tracks(self.root))
+
+    @property
+    def tracks(self) -> tuple[str, ...]:
+        """Names of the tracks of a motion that are read, beside its poses."""
+        steering = () if self.controls is None else self.controls.tracks
+        return (*root_tracks(self.root), *steering)
+
+    @property
     def joint_features(self) -> int:
         """Number of features of all joints together, without the root channels."""
         return len(self.written) * self.representation.joint_dim
@@ -147,12 +170,10 @@ class Codec:
     def encode(self, motion: Motion) -> Float[Tensor, "batch frames features"]:
         """Features of a motion.
 
-        The displacement of the first frame, whose predecessor is not known, repeats that of the
-        second; a single frame stands still.
-
         Raises:
             SkeletonError: the motion has another number of joints than the skeleton.
-            ConfigError: the codec has actions, and the motion does none of them.
+            ConfigError: the codec has actions, and the motion does none of them; or it follows a
+                path, and the motion has no tracks.
         """
         rotations = motion.rotations_local
         if rotations.shape[-2] != len(self.skeleton):
@@ -162,18 +183,30 @@ class Codec:
             )
         joints = self.representation.continuous(
             self.representation.encode(
-                _continuous(self.choose(rotations)), self.choose(motion.offsets)[:, None]
+                self._continuous(self.choose(rotations)), self.choose(motion.offsets)[:, None]
             )
         )
         action = self._one_hot(motion) if self.actions else None
-        root = motion.root_positions
-        if self.root == "none":
-            return self.merge(joints, root[..., :0], action)
-        steps = root.diff(dim=1)
-        first = steps[:, :1] if root.shape[1] > 1 else torch.zeros_like(root)
-        steps = torch.cat([first, steps], dim=1)
-        channels = torch.stack([steps[..., 0], root[..., 1], steps[..., 2]], dim=-1)
-        return self.merge(joints, channels, action)
+        return self.merge(joints, write_root(self.root, motion), action)
+
+    def _continuous(
+        self, rotations: Float[Tensor, "batch frames some 4"]
+    ) -> Float[Tensor, "batch frames some 4"]:
+        """The same rotations, their signs as the class says."""
+        flip = rotations[:, :1, :, :1] < 0
+        if self.follows_path:
+            flip = flip.index_fill(2, torch.tensor(self.written.roots, device=flip.device), False)
+        return quaternion.unroll(rotations * torch.where(flip, -1.0, 1.0).to(rotations), dim=1)
+
+    def steer(self, motion: Motion) -> Float[Tensor, "batch frames controls"] | None:
+        """Controls of a motion, from its tracks; ``None``: nothing steers it.
+
+        Raises:
+            ConfigError: the motion lacks a track.
+        """
+        if self.controls is None:
+            return None
+        return self.controls.encode(motion.tracks or {}).to(motion.root_positions)
 
     def _one_hot(self, motion: Motion) -> Float[Tensor, "batch frames actions"]:
         """1 for the action of each motion, in every frame."""
@@ -193,6 +226,7 @@ class Codec:
         offsets: Float[Tensor, "batch joints 3"],
         anchor: Float[Tensor, "batch 3"],
         held: Float[Tensor, "batch joints 4"] | None = None,
+        tracks: Mapping[str, Float[Tensor, "batch frames ..."]] | None = None,
     ) -> Motion:
         """Motion of features that follow a known frame.
 
@@ -203,6 +237,8 @@ class Codec:
                 metres; displacements are summed up from there, or the root is held there.
             held: local rotations in that frame, which joints that are not written keep; ``None``:
                 no rotation.
+            tracks: of these frames, where they follow a path: its places ``path`` and directions
+                ``movement``. ``None``: such a root stays above its anchor.
 
         Returns:
             Its bones stretch (``translations_local``) where the representation says where joints
@@ -218,11 +254,7 @@ class Codec:
             roots = torch.tensor(self.written.roots, device=moved.device)
             ends = bodies.expand_as(moved).index_select(-2, roots).to(moved)
             moved = self._beside(offsets, moved.index_copy(-2, roots, ends))
-        if self.root == "none":
-            positions = anchor[:, None].expand(-1, features.shape[1], -1)
-        else:
-            travelled = anchor[:, None] + root.cumsum(dim=1)
-            positions = torch.stack([travelled[..., 0], root[..., 1], travelled[..., 2]], dim=-1)
+        positions = place_root(self.root, root, anchor, tracks)
         return Motion(rotations, positions, offsets, moved)
 
     def _beside(
@@ -273,11 +305,3 @@ class Codec:
         told = len(self.actions)
         mean[len(mean) - told :], scale[len(scale) - told :] = 0, 1
         return Statistics(mean, scale)
-
-
-def _continuous(
-    rotations: Float[Tensor, "batch frames joints 4"],
-) -> Float[Tensor, "batch frames joints 4"]:
-    """The same rotations, with w >= 0 in the first frame and continuous signs from there on."""
-    first = torch.where(rotations[:, :1, :, :1] < 0, -1.0, 1.0).to(rotations.dtype)
-    return quaternion.unroll(rotations * first, dim=1)

@@ -8,6 +8,7 @@ from torch import Tensor
 
 from posecast.geometry import quaternion
 from posecast.motion import Motion
+from posecast.motion.tracks import mirrored, turned
 from posecast.skeleton import Skeleton
 
 
@@ -30,7 +31,8 @@ def turn(motion: Motion, angles: Float[Tensor, "batch"], skeleton: Skeleton) -> 
     offsets = motion.offsets.clone()
     offsets[:, roots] = quaternion.rotate(about_y, offsets[:, roots])
     positions = quaternion.rotate(about_y, motion.root_positions)
-    return Motion(rotations, positions, offsets, actions=motion.actions)
+    tracks = None if motion.tracks is None else turned(motion.tracks, angles)
+    return Motion(rotations, positions, offsets, actions=motion.actions, tracks=tracks)
 
 
 def mirror(motion: Motion, chosen: Bool[Tensor, "batch"], skeleton: Skeleton) -> Motion:
@@ -47,9 +49,13 @@ def mirror(motion: Motion, chosen: Bool[Tensor, "batch"], skeleton: Skeleton) ->
         motion.root_positions * reflect,
         motion.offsets[:, twins] * reflect,
     )
-    fields = zip(motion[:3], reflected[:3], strict=True)
-    rotations, positions, offsets = (
-        torch.where(chosen.reshape(-1, *(1,) * (before.ndim - 1)), after, before)
-        for before, after in fields
-    )
-    return Motion(rotations, positions, offsets, actions=motion.actions)
+
+    def chosen_of(before: Tensor, after: Tensor) -> Tensor:
+        return torch.where(chosen.reshape(-1, *(1,) * (before.ndim - 1)), after, before)
+
+    tracks = motion.tracks
+    if tracks is not None:
+        others = mirrored(tracks)
+        tracks = {name: chosen_of(values, others[name]) for name, values in tracks.items()}
+    rotations, positions, offsets = map(chosen_of, motion[:3], reflected[:3])
+    return Motion(rotations, positions, offsets, actions=motion.actions, tracks=tracks)

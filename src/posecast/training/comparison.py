@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from jaxtyping import Float
-from torch import Tensor
+from torch import Tensor, nn
 
 from posecast.representation.codec import Codec
 from posecast.skeleton.kinematics import joint_positions
@@ -50,7 +50,10 @@ class Comparison:
 
     @cached_property
     def predicted_positions(self) -> Float[Tensor, "batch frames joints 3"]:
-        """Positions from the root that the prediction states, or that follow from it, metres."""
+        """Positions from the root that the prediction states, or that follow from it, metres.
+
+        Along a path they are from the floor below the root (Pavllo et al. 2020, section 3.7).
+        """
         return self._positions(self.predicted)
 
     @cached_property
@@ -89,6 +92,14 @@ class Comparison:
         return bodies.expand(*joints.shape[:-1], 3) if moved is None else moved
 
     def _positions(self, features: Tensor) -> Tensor:
+        """Positions from the root; its height is theirs where it is predicted without the rest."""
+        found = self._from_root(features)
+        if not self.codec.follows_path:
+            return found
+        height = self.codec.split(features).root[..., 1]
+        return found + nn.functional.pad(height[..., None, None], (1, 1))
+
+    def _from_root(self, features: Tensor) -> Tensor:
         joints = self.codec.split(features).joints
         stated = self.codec.representation.positions(joints)
         if stated is not None:

@@ -211,6 +211,17 @@ def _root(comparison: Comparison) -> Float[Tensor, ""]:
     return root_l1(split(comparison.predicted).root, split(comparison.target).root)
 
 
+def _displacement(comparison: Comparison) -> Float[Tensor, ""]:
+    """Distance between places on the floor, seen from the path; the height is left out, metres.
+
+    Source: the longitudinal offset in Pavllo et al. 2018, section 3.4; 2020, section 3.7.
+    """
+    split = comparison.codec.split
+    apart = split(comparison.predicted).root - split(comparison.target).root
+    floor = torch.cat([apart[..., :1], apart[..., 2:]], dim=-1)
+    return torch.linalg.vector_norm(floor, dim=-1).mean()
+
+
 def _action(comparison: Comparison) -> Float[Tensor, ""]:
     """Mean squared error of the numbers that stand for actions."""
     split = comparison.codec.split
@@ -251,5 +262,6 @@ LOSSES: dict[str, Term] = {
     "bone_length": Term(_bone_length, _TRANSLATIONS),
     "velocity": Term(_velocity),
     "root": Term(_root),
+    "displacement": Term(_displacement),
     "action": Term(_action),
 }

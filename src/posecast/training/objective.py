@@ -75,10 +75,21 @@ class Objective:
         for name in self.terms:
             _check_term(name, codec)
         channels = codec.root_dim
-        if channels and not {"root", "features"} & set(self.terms):
+        along = {"displacement"} if codec.follows_path else set()
+        if channels and not {"root", "features", *along} & set(self.terms):
             raise ConfigError(
                 f"the codec writes {channels} root channels that no loss trains; "
-                "add root: 1.0 (or features) to the loss, or write no root channels"
+                f"add root: 1.0 (or {', '.join(['features', *along])}) to the loss, or write no "
+                "root channels"
+            )
+        if "displacement" in self.terms and not codec.follows_path:
+            raise ConfigError(
+                "loss 'displacement' needs a root that follows a path; set codec.root to path or "
+                "path_lateral, or leave the loss out"
+            )
+        if "displacement" in self.terms and not {"position", "root", "features"} & set(self.terms):
+            raise ConfigError(
+                "loss 'displacement' leaves the height of the root untrained; add position: 1.0"
             )
         told = len(codec.actions)
         if told and not {"action", "features"} & set(self.terms):

@@ -121,6 +121,7 @@ def fit(
         mirror=plan.mirror,
         skip_start=plan.skip_start,
         skip_end=plan.skip_end,
+        tracks=forecaster.codec.tracks,
         dtype=next(forecaster.parameters()).dtype,
     )
     settings = _settings(plan, objective, feed, sampling, adversary, corpus, origin or {})

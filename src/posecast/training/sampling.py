@@ -7,7 +7,7 @@ depend on how many processes it is spread over, nor on whether it was interrupte
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple, Protocol, runtime_checkable
 
@@ -139,6 +139,7 @@ class Windows:
         mirror: exchange left and right in every second window, by chance.
         skip_start: frames at the start of every recording that are in no window.
         skip_end: the same at its end.
+        tracks: names of the tracks that come along.
         split: name of the split to read; never the one that is tested on.
         dtype: of the windows.
 
@@ -159,6 +160,7 @@ class Windows:
         mirror: bool = False,
         skip_start: int = 0,
         skip_end: int = 0,
+        tracks: Sequence[str] = (),
         split: str = "train",
         dtype: torch.dtype = torch.float32,
     ) -> None:
@@ -184,6 +186,7 @@ class Windows:
         self.corpus, self.length, self.batch, self.seed = corpus, length, batch, seed
         self.sampling = sampling or EveryRecording()
         self.turn, self.mirror, self.dtype = turn, mirror, dtype
+        self.tracks = tuple(tracks)
         self.first = skip_start
         self.recordings = torch.tensor(list(kept))
         self.frames = torch.tensor(list(kept.values()))
@@ -212,7 +215,7 @@ class Windows:
         whole = self.windows(epoch)[step * self.batch : (step + 1) * self.batch]
         own = slice(rank, None, ranks) if rank < len(whole) else slice(0, 1)
         weight = len(whole[own]) * ranks / len(whole) if rank < len(whole) else 0.0
-        gathered = self.corpus.gather(whole[own], self.length)
+        gathered = self.corpus.gather(whole[own], self.length, self.tracks)
         motion = gathered.map(lambda values: values.to(self.dtype))
         generator = derived_generator(self.seed, "augmentation", epoch, step)
         # Drawn for the whole batch, used or not, so that the share does not change the draws.

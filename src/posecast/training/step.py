@@ -87,12 +87,14 @@ def attempt(
     # Encoded in one piece, so that signs are continuous from the prefix into the horizon.
     features = codec.encode(motion)
     given, truth = features[:, :prefix], features[:, prefix:]
+    controls = codec.steer(motion)
     found = rollout(
         forecaster,
         given,
         truth.shape[1],
         truth=truth,
         truth_mask=mask,
+        controls=controls,
         feedback_gradient=feedback_gradient,
         generator=generator,
     )

@@ -1,0 +1,99 @@
+"""What ``posecast walk`` does: a drawn path becomes a clip of somebody who walks along it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+
+from posecast.config import did_you_mean
+from posecast.errors import ConfigError
+from posecast.generation import Course, Walk, arriving, pace_by_hand, walked_clip
+from posecast.io.path_files import read_waypoints
+from posecast.motion import Clip, find_feet, leg_length, path_scale
+from posecast.system import System
+
+
+@dataclass(frozen=True)
+class Wishes:
+    """How somebody is to walk.
+
+    Args:
+        speed: m/s on straight stretches; ``None``: the middle of what the walker knows.
+        arrive: ``"SECONDS@POINT"`` each: when to be at which way point, counted from 1.
+        facing: degrees from the path's direction towards the left hand; ``None``: along it.
+        style: name of a style; ``None``: the first one, where there are several.
+        seconds: how long to walk; ``None``: to the end of the path.
+    """
+
+    speed: float | None = None
+    arrive: Sequence[str] = ()
+    facing: float | None = None
+    style: str | None = None
+    seconds: float | None = None
+
+
+def walk_along(system: System, file: Path, wishes: Wishes) -> tuple[Clip, Course]:
+    """Walk along the path in a file.
+
+    Returns:
+        The clip, and the course it follows: the path, its pace and its times.
+
+    Raises:
+        ConfigError: a checkpoint that does not walk, or a wish it cannot grant.
+        DataError: a file that holds no path, or times that nobody keeps.
+    """
+    if system.gait is None:
+        raise ConfigError(
+            f"{system.recipe.name} does not walk along paths; take a checkpoint of a locomotion "
+            "recipe (posecast recipes lists them)"
+        )
+    style = _style(system, wishes.style)
+    offsets = torch.tensor(system.offsets, dtype=torch.float64)
+    leg = leg_length(system.skeleton, offsets, find_feet(system.skeleton, offsets))
+    scale = path_scale(leg)
+    waypoints = read_waypoints(file)
+    path = waypoints.path(spacing=scale.spacing, smoothing=scale.smoothing, name=file)
+    facing = None if wishes.facing is None else math.radians(wishes.facing)
+    course = pace_by_hand(path, system.gait, speed=wishes.speed, style=style, facing=facing)
+    times = [math.nan] * len(path.marks) if waypoints.times is None else waypoints.times.tolist()
+    for wish in wishes.arrive:
+        place, seconds = _arrival(wish, len(times))
+        times[place] = seconds
+    marks = path.marks.tolist()
+    wanted = {mark: time for mark, time in zip(marks, times, strict=False) if not math.isnan(time)}
+    course = arriving(course, system.gait, wanted, style=style)
+    walk = Walk(system.forecaster, course, system.gait, offsets, system.fps, style=style)
+    return walked_clip(walk, wishes.seconds, name=file.stem), course
+
+
+def _style(system: System, name: str | None) -> int:
+    """The number of a style by its name."""
+    controls = system.forecaster.codec.controls
+    styles = () if controls is None else controls.styles
+    if name is None:
+        return 0
+    if not styles:
+        raise ConfigError(f"--style {name}: this walker has no styles; leave it out")
+    if name not in styles:
+        raise ConfigError(f"--style {name}: unknown; {did_you_mean(name, styles)}")
+    return styles.index(name)
+
+
+def _arrival(wish: str, waypoints: int) -> tuple[int, float]:
+    """Which way point, from 0, and when: ``12.5@3`` is the third after 12.5 s."""
+    seconds, at, place = wish.partition("@")
+    try:
+        found = int(place) - 1, float(seconds)
+    except ValueError:
+        found = None
+    if not at or found is None:
+        raise ConfigError(
+            f"--arrive {wish}: expected SECONDS@POINT, such as 12.5@3 for the third way point"
+        )
+    if not 0 <= found[0] < waypoints:
+        raise ConfigError(f"--arrive {wish}: the path has {waypoints} way points, counted from 1")
+    return found
