@@ -15,7 +15,7 @@ from posecast.model.head import DenseHead, Head
 from posecast.model.lstm import LSTMBackbone
 from posecast.model.parts_head import PartsHead
 from posecast.model.recurrent import Backbone, GRUBackbone, State, Summary
-from posecast.model.rollout import ForecasterPredictor, Rollout, Session, rollout
+from posecast.model.rollout import ForecasterPredictor, Rollout, Session, Steppable, rollout
 from posecast.model.structural_rnn import StructuralRNNBackbone
 from posecast.model.structured import StructuredHead
 
@@ -55,6 +55,7 @@ __all__ = [
     "RunningAverage",
     "Session",
     "State",
+    "Steppable",
     "StructuralRNNBackbone",
     "StructuredHead",
     "Summary",
