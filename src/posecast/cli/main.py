@@ -13,7 +13,7 @@ from typing import Annotated
 import typer
 
 from posecast import __version__
-from posecast.cli import data_commands, model_commands
+from posecast.cli import data_commands, export_commands, model_commands
 from posecast.errors import PosecastError
 
 app = typer.Typer(
@@ -45,7 +45,7 @@ def _common(
     """Modelling human motion: read motion capture, forecast the next poses, compare systems."""
 
 
-for register in (model_commands.register, data_commands.register):
+for register in (model_commands.register, export_commands.register, data_commands.register):
     register(app)
 
 
