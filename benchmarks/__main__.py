@@ -13,6 +13,7 @@ from benchmarks import (
     bvh,
     decoding,
     dual_quaternions,
+    generation,
     head,
     kinematics,
     recipe_steps,
@@ -33,6 +34,7 @@ BENCHMARKS: dict[str, Callable[[], list[dict[str, object]]]] = {
     "sampling": sampling.run,
     "decoding": decoding.run,
     "rollout": rollout.run,
+    "generation": generation.run,
     "recipe_steps": recipe_steps.run,
 }
 

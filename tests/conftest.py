@@ -5,8 +5,10 @@ from __future__ import annotations
 import os
 import sys
 import types
+from collections.abc import Iterator
 from pathlib import Path
 
+import jaxtyping
 import pytest
 from beartype import BeartypeConf, beartype
 from jaxtyping import install_import_hook
@@ -36,3 +38,16 @@ def data_root() -> Path:
     if not root or not Path(root).is_dir():
         pytest.skip("POSECAST_DATA does not name a folder of real motion capture")
     return Path(root)
+
+
+@pytest.fixture
+def onnx_extra() -> Iterator[None]:
+    """What exports and runs a step; the test is skipped without it.
+
+    Meanwhile shapes are not checked: the exporter's are symbols, which are no numbers to a checker.
+    """
+    for package in ("onnx", "onnxscript", "onnxruntime"):
+        pytest.importorskip(package)
+    jaxtyping.config.update("jaxtyping_disable", True)
+    yield
+    jaxtyping.config.update("jaxtyping_disable", False)

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from posecast.corpora import build_corpus
     from posecast.errors import ConfigError, DataError, PosecastError, SkeletonError
     from posecast.evaluation import build_protocol, evaluate
+    from posecast.export import Stepper, export_step
     from posecast.forecast import forecast_clip
     from posecast.io import read_clip, write_clip
     from posecast.model import Forecaster, Session, rollout
@@ -28,6 +29,7 @@ _HOMES = {
     "posecast.corpora": ("build_corpus",),
     "posecast.errors": ("ConfigError", "DataError", "PosecastError", "SkeletonError"),
     "posecast.evaluation": ("build_protocol", "evaluate"),
+    "posecast.export": ("Stepper", "export_step"),
     "posecast.forecast": ("forecast_clip",),
     "posecast.io": ("read_clip", "write_clip"),
     "posecast.model": ("Forecaster", "Session", "rollout"),
@@ -51,10 +53,12 @@ __all__ = [
     "Session",
     "Skeleton",
     "SkeletonError",
+    "Stepper",
     "System",
     "build_corpus",
     "build_protocol",
     "evaluate",
+    "export_step",
     "forecast_clip",
     "list_recipes",
     "load",

@@ -31,6 +31,7 @@ VERBS = (
     "compare",
     "reproduce",
     "endure",
+    "export",
     "forecast",
     "convert",
     "inspect",
@@ -79,6 +80,7 @@ def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
         (["demo"], "matplotlib.figure", "posecast[video]"),
         (["demo"], "PIL.Image", "posecast[video]"),
         (["view", "WALK", "--out", "walk.png"], "matplotlib.figure", "posecast[video]"),
+        (["export", "runs/none/best", "--out", "step.onnx"], "onnxruntime", "posecast[onnx]"),
     ],
 )
 def test_what_is_not_installed_is_named_before_any_work(

@@ -12,7 +12,7 @@ from typing import Annotated
 
 import typer
 
-from posecast.cli import data_commands, model_commands, score_commands
+from posecast.cli import data_commands, export_commands, model_commands, score_commands
 from posecast.errors import PosecastError
 from posecast.version import __version__
 
@@ -45,7 +45,7 @@ def _common(
     """Modelling human motion: read motion capture, forecast the next poses, compare systems."""
 
 
-for verbs in (model_commands, score_commands, data_commands):
+for verbs in (model_commands, score_commands, export_commands, data_commands):
     verbs.register(app)
 
 

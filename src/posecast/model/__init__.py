@@ -16,7 +16,7 @@ from posecast.model.lstm import LSTMBackbone
 from posecast.model.parts_head import PartsHead
 from posecast.model.predictor import ForecasterPredictor
 from posecast.model.recurrent import Backbone, GRUBackbone, State, Summary
-from posecast.model.rollout import Rollout, Session, rollout
+from posecast.model.rollout import Rollout, Session, Steppable, rollout
 from posecast.model.structural_rnn import StructuralRNNBackbone
 from posecast.model.structured import StructuredHead
 
@@ -56,6 +56,7 @@ __all__ = [
     "RunningAverage",
     "Session",
     "State",
+    "Steppable",
     "StructuralRNNBackbone",
     "StructuredHead",
     "Summary",

@@ -133,9 +133,9 @@ def _read(
     """Outputs after each frame, and output and cell after the last."""
     assert isinstance(layer, nn.LSTM)
     # On a CPU a cell has less around it, which pays for a single frame and for no more; other
-    # devices have not been timed.
-    plain = frames.device.type != "cpu" or torch.compiler.is_compiling()
-    if not plain and frames.shape[1] == 1:
+    # devices have not been timed. Compilers see through cells, not into layers.
+    cell_pays = frames.device.type == "cpu" or torch.compiler.is_compiling()
+    if cell_pays and frames.shape[1] == 1:
         output, cell = torch.lstm_cell(frames[:, 0], (output, cell), *layer.all_weights[0])
         return output[:, None], output, cell
     # cuDNN refuses a state that is not contiguous, as a learned one is not: one row for all.

@@ -4,15 +4,41 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Literal, NamedTuple, Protocol, runtime_checkable
 
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
 from posecast.errors import ConfigError
-from posecast.model.forecaster import Forecaster, Prediction
+from posecast.model.forecaster import Prediction
 from posecast.model.recurrent import State
+
+
+@runtime_checkable
+class Steppable(Protocol):
+    """What a session drives: a forecaster, or what steps in its place."""
+
+    @property
+    def feedback(self) -> Literal["valid", "emitted"]:
+        """What is read of a prediction, see ``Forecaster``."""
+        ...
+
+    def initial_state(self, batch: int) -> State:
+        """The state before anything was read."""
+        ...
+
+    def __call__(
+        self,
+        features: Float[Tensor, "batch frames features"],
+        state: State,
+        controls: Float[Tensor, "batch frames controls"] | None = None,
+        *,
+        last: int | None = None,
+        generator: torch.Generator | None = None,
+    ) -> Prediction:
+        """Read frames and predict the frame after each, see ``Forecaster.forward``."""
+        ...
 
 
 @dataclass
@@ -29,7 +55,7 @@ class Session:
         feedback_gradient: whether a frame that was fed back passes gradients on.
     """
 
-    forecaster: Forecaster
+    forecaster: Steppable
     state: State
     unread: Float[Tensor, "batch frames features"]
     controls: Float[Tensor, "batch _ controls"] | None = None
@@ -39,7 +65,7 @@ class Session:
     @classmethod
     def start(
         cls,
-        forecaster: Forecaster,
+        forecaster: Steppable,
         prefix: Float[Tensor, "batch frames features"],
         controls: Float[Tensor, "batch _ controls"] | None = None,
         *,
@@ -127,7 +153,7 @@ class Rollout(NamedTuple):
 
 
 def rollout(
-    forecaster: Forecaster,
+    forecaster: Steppable,
     prefix: Float[Tensor, "batch frames features"],
     horizon: int,
     *,

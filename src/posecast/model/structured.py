@@ -119,7 +119,7 @@ class StructuredHead(nn.Module):
         ):
             if number:
                 read = self.get_buffer(f"_read_{number - 1}")
-                known = torch.cat(done).index_select(0, read).reshape(len(first), -1, len(rows))
+                known = torch.cat(done).index_select(0, read).reshape(len(first), -1, rows.shape[0])
                 first = torch.baddbmm(first, self.above[number - 1], known)
             done.append(torch.baddbmm(bias, output, first.relu()))
         joints = torch.cat(done).index_select(0, self._slots)

@@ -1,5 +1,6 @@
 """Topology and kinematics of skeletons."""
 
+from posecast.skeleton.body_kinematics import BodyKinematics
 from posecast.skeleton.catalog import NamedSkeleton, named_skeleton, skeleton_names
 from posecast.skeleton.dual_kinematics import (
     LocalMotion,
@@ -20,6 +21,7 @@ from posecast.skeleton.rotation_fit import fit_rotations
 from posecast.skeleton.skeleton import Skeleton
 
 __all__ = [
+    "BodyKinematics",
     "LocalMotion",
     "NamedSkeleton",
     "Skeleton",
