@@ -37,6 +37,7 @@ VERBS = (
     "inspect",
     "doctor",
     "view",
+    "walk",
 )
 
 
