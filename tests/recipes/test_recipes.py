@@ -89,10 +89,18 @@ def _units(recipe: Recipe) -> str:
     return "channels" if "channels" in recipe.config["model"]["backbone"] else "hidden"
 
 
+WHOLE = (
+    *("acrnn-quaternion", "quaternet-vel", "quaternet-locomotion"),
+    *("amass-quaternet", "amass-rnn", "amass-seq2seq"),
+    *("h36m-lstm-3lr", "h36m-rnn", "h36m-seq2seq-sampling"),
+)
+
+
 @pytest.mark.parametrize("name", FILES)
 def test_a_recipe_fits_on_a_page_and_says_how_to_train_it(name: str) -> None:
     lines = (RECIPES / f"{name}.yaml").read_text().splitlines()
-    assert len(lines) <= 40
+    # Most need 30; those of systems that others extend say every constant of a paper themselves.
+    assert len(lines) <= (40 if name in WHOLE else 30)
     assert any(f"posecast train {name}" in line for line in lines if line.startswith("#"))
 
 
