@@ -13,6 +13,7 @@ from posecast.model.early_reset import EarlyResetGRUBackbone
 from posecast.model.forecaster import Forecaster, Prediction, Residual
 from posecast.model.head import DenseHead, Head
 from posecast.model.lstm import LSTMBackbone
+from posecast.model.pace import PaceNetwork
 from posecast.model.parts_head import PartsHead
 from posecast.model.predictor import ForecasterPredictor
 from posecast.model.recurrent import Backbone, GRUBackbone, State, Summary
@@ -49,6 +50,7 @@ __all__ = [
     "Head",
     "LSTMBackbone",
     "MeanPose",
+    "PaceNetwork",
     "PartsHead",
     "Prediction",
     "Residual",
