@@ -45,15 +45,6 @@ Walk = Callable[[bool], tuple[Tensor, list[float]]]
 """Walks ``FRAMES`` frames, placing joints or not; features of all, and seconds of each."""
 
 
-class _TwoRootChannels(Codec):
-    """Beside the joints, how far ahead of its place on the path the root is, and how high."""
-
-    @property
-    def root_dim(self) -> int:
-        """Two."""
-        return 2
-
-
 @torch.inference_mode()
 def run(rounds: int = 7) -> list[dict[str, object]]:
     """A row a candidate: ``p50_ms``, ``p99_ms``, ``frames_a_second``, ``ratio``, ``difference``."""
@@ -100,7 +91,7 @@ def published_network() -> Forecaster:
     """The network with random weights, its output layer near a standing pose."""
     skeleton = Skeleton(tuple(f"joint {number}" for number in range(len(PARENTS))), PARENTS)
     forecaster = Forecaster(
-        _TwoRootChannels(skeleton, Quaternion()),
+        Codec(skeleton, Quaternion(), root="path"),
         backbone=partial(GRUBackbone, hidden=HIDDEN, layers=LAYERS),
         head=DenseHead,
         controls=ControlLayers(CONTROLS),

@@ -62,6 +62,23 @@ def test_a_stream_and_a_clip_are_the_same_walk(make_walk):
     torch.testing.assert_close(clip.root_positions, roots, rtol=0, atol=0)
 
 
+def test_others_may_step_in_the_network_s_place(make_walk, forecaster):
+    calls = []
+
+    class Counting:
+        feedback = "valid"
+        initial_state = forecaster.initial_state
+
+        def __call__(self, features, state, controls=None, *, last=None, generator=None):
+            calls.append(features.shape[1])
+            return forecaster(features, state, controls, last=last, generator=generator)
+
+    own, others = walked_clip(make_walk(), 1.0), walked_clip(make_walk(stepper=Counting()), 1.0)
+    assert torch.equal(own.rotations_local, others.rotations_local)
+    # The run-up, the frames, and one that was predicted but not shown.
+    assert calls == [1] * (30 + 30 + 1)
+
+
 def test_what_was_walked_does_not_change_when_the_path_goes_on(make_walk, bend, table):
     def paced(path):
         return pace_by_hand(path, table, speed=1.0, slow_in_curves=False)

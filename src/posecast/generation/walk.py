@@ -15,7 +15,7 @@ from posecast.errors import ConfigError
 from posecast.generation.course import Course
 from posecast.generation.gait_table import GaitTable
 from posecast.geometry import quaternion
-from posecast.model import Forecaster, Session
+from posecast.model import Forecaster, Session, Steppable
 from posecast.motion import Clip, Motion
 from posecast.motion.tracks import (
     FACING,
@@ -65,6 +65,8 @@ class Walk:
         fps: frames per second of the network.
         style: which of the codec's styles; the first by default.
         lead: seconds to walk on beyond the end of an open course.
+        stepper: what steps in the network's place, such as ``posecast.export.Stepper``; ``None``:
+            it steps itself.
     """
 
     forecaster: Forecaster
@@ -74,6 +76,7 @@ class Walk:
     fps: float
     style: int = 0
     lead: float = 0.0
+    stepper: Steppable | None = None
     frame: int = field(default=0, init=False)
 
     def __post_init__(self) -> None:
@@ -88,7 +91,7 @@ class Walk:
             raise ConfigError(f"style {self.style}: this walker has {styles}, counted from 0")
         self._phase = torch.zeros(1, dtype=torch.float64)
         self._ahead = round(RUN_UP * self.fps)
-        self._session = Session.start(self.forecaster, self._first())
+        self._session = Session.start(self.stepper or self.forecaster, self._first())
         with torch.inference_mode():
             for early in range(-self._ahead, 0):
                 self._step(early)
