@@ -118,6 +118,10 @@ def test_roots_along_a_path_keep_the_sign_they_begin_with(motion):
 def test_controls_are_step_movement_facing_and_style(motion):
     controls = Controls(styles=("calm", "wild")).encode(motion.tracks)
     assert controls.shape == (2, 9, 8)
+    assert Controls(styles=("calm", "wild")).names == (
+        *("step_cos", "step_sin", "movement_x", "movement_z", "facing_x", "facing_z"),
+        *("style.calm", "style.wild"),
+    )
     speed, phase = motion.tracks[SPEED], motion.tracks[PHASE]
     torch.testing.assert_close(controls[..., 0], speed * torch.cos(phase))
     torch.testing.assert_close(controls[..., 1], speed * torch.sin(phase))

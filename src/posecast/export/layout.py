@@ -64,8 +64,9 @@ def describe(
     Returns:
         ``inputs``, ``outputs``: names in their order; ``feed_back``: which output is the next
         ``features``; ``features``: what each number of them is, such as ``hips.w``, ``root.height``
-        or ``action.walk``; ``controls``: how many; ``initial_state``: for each state the values
-        before the first frame, ``null`` for zeros; and skeleton, body, rate and conventions.
+        or ``action.walk``; ``controls``: what each of those is; ``initial_state``: for each state
+        the values before the first frame, ``null`` for zeros; and skeleton, body, rate and
+        conventions.
 
     Raises:
         SkeletonError: the body is not of the skeleton.
@@ -93,7 +94,7 @@ def describe(
         "outputs": list(network.names.outputs),
         "feed_back": "emitted" if network.forecaster.feedback == "emitted" else "next_features",
         "features": feature_names(codec),
-        "controls": 0 if controls is None else controls.input_dim,
+        "controls": _control_names(codec, 0 if controls is None else controls.input_dim),
         "initial_state": _initial_state(network),
     }
 
@@ -105,6 +106,13 @@ def feature_names(codec: Codec) -> list[str]:
     named = _ROOT.get(codec.root, tuple(f"{codec.root}_{n}" for n in range(codec.root_dim)))
     root = [f"root.{channel}" for channel in named]
     return [*joints, *root, *(f"action.{action}" for action in codec.actions)]
+
+
+def _control_names(codec: Codec, count: int) -> list[str]:
+    """What each of the controls is, such as ``movement_x``, or their numbers where nothing says."""
+    if codec.controls is None:
+        return [f"control_{number}" for number in range(count)]
+    return list(codec.controls.names)
 
 
 def number_names(representation: object) -> tuple[str, ...]:

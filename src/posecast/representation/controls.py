@@ -43,7 +43,13 @@ class Controls:
     @property
     def dim(self) -> int:
         """Number of controls a frame."""
-        return 6 + len(self.styles)
+        return len(self.names)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What each of the numbers is."""
+        steps = ("step_cos", "step_sin", "movement_x", "movement_z", "facing_x", "facing_z")
+        return (*steps, *(f"style.{style}" for style in self.styles))
 
     @property
     def tracks(self) -> tuple[str, ...]:
