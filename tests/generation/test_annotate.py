@@ -57,12 +57,16 @@ def test_the_body_faces_along_the_path_or_to_its_side(bend, table):
     left = pace_by_hand(bend, table, facing=math.pi / 2).path.directions[FACING]
     torch.testing.assert_close(left[10], torch.tensor([1.0, 0.0]).double())
     own = bend.with_direction(FACING, torch.tensor([[0.0, -1.0]]).double())
+    with pytest.raises(ConfigError, match="the path says its facing itself"):
+        pace_by_hand(own, table, facing=0.0)
     kept = pace_by_hand(own, table).path.directions[FACING]
     torch.testing.assert_close(kept, own.directions[FACING])
 
 
 def test_a_speed_that_the_path_has_is_kept_where_curves_allow_it(bend, table):
     own = bend.with_scalar(SPEED, 0.5 + bend.distances / 10)
+    with pytest.raises(ConfigError, match="the path says its speed itself"):
+        pace_by_hand(own, table, speed=1.0)
     speed = pace_by_hand(own, table).path.scalars[SPEED]
     torch.testing.assert_close(speed[:100], own.scalars[SPEED][:100])
 

@@ -13,7 +13,7 @@ from posecast.errors import ConfigError, DataError
 from posecast.generation.course import TIME, Course, timed
 from posecast.generation.gait_table import GaitTable
 from posecast.motion.path import Path
-from posecast.motion.tracks import FACING, SPEED, STEP_RATE
+from posecast.motion.tracks import FACING, SPEED, STEP_RATE, turned_on_floor
 
 CALM = 0.7
 """Share of the largest usual acceleration that a pace made by hand asks for."""
@@ -30,7 +30,7 @@ def pace_by_hand(
 ) -> Course:
     """A pace without a network: a wanted speed, slower in curves as far as the body asks for it.
 
-    A track ``speed`` or ``facing`` that the path has already is taken instead.
+    A track ``speed`` or ``facing`` that the path has already stays.
 
     Args:
         path: any.
@@ -43,8 +43,11 @@ def pace_by_hand(
             what is usual.
 
     Raises:
-        ConfigError: a speed that is not positive.
+        ConfigError: a speed that is not positive, or a speed or facing beside the path's own.
     """
+    for name, asked, own in ((SPEED, speed, path.scalars), (FACING, facing, path.directions)):
+        if asked is not None and name in own:
+            raise ConfigError(f"the path says its {name} itself; leave {name} out here or there")
     wanted = table.speeds[style].median().item() if speed is None else speed
     if not 0 < wanted < math.inf:
         raise ConfigError(f"speed is {wanted}: expected a positive number of metres a second")
@@ -58,7 +61,7 @@ def pace_by_hand(
     path = path.with_scalar(SPEED, fast)
     path = path.with_scalar(STEP_RATE, table.step_rate(fast, style))
     if FACING not in path.directions:
-        path = path.with_direction(FACING, _turned(path.tangents, facing or 0.0))
+        path = path.with_direction(FACING, turned_on_floor(path.tangents, facing or 0.0))
     return timed(path)
 
 
@@ -69,7 +72,8 @@ def gathered(
 
     Args:
         speed: m/s.
-        path: whose points they are at; around a closed one twice, so that the seam is as any place.
+        path: whose points they are at; around a closed one three times, so that the seam is
+            as any place.
         most: m/s^2, positive.
     """
     laps = 3 if path.closed else 1
@@ -81,13 +85,6 @@ def gathered(
             squares[place] = min(squares[place], squares[place - step] + gain)
     middle = squares[len(speed) : 2 * len(speed)] if path.closed else squares
     return speed.new_tensor(middle).sqrt()
-
-
-def _turned(directions: Float[Tensor, "points 2"], angle: float) -> Float[Tensor, "points 2"]:
-    """Directions (x, z) turned to the left, radians."""
-    x, z = directions.unbind(-1)
-    sine, cosine = math.sin(angle), math.cos(angle)
-    return torch.stack([cosine * x + sine * z, cosine * z - sine * x], dim=-1)
 
 
 def arriving(

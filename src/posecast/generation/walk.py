@@ -94,7 +94,7 @@ class Walk:
         self._session = Session.start(self.stepper or self.forecaster, self._first())
         with torch.inference_mode():
             for early in range(-self._ahead, 0):
-                self._step(early)
+                self._step(self._tracks(early))
 
     def __iter__(self) -> Iterator[Pose]:
         return self
@@ -106,7 +106,7 @@ class Walk:
         with torch.inference_mode():
             tracks = self._tracks(self.frame)
             pose = self._pose(self._session.unread, tracks)
-            self._step(self.frame)
+            self._step(tracks)
         self.frame += 1
         return pose
 
@@ -143,9 +143,9 @@ class Walk:
             found[STYLE] = torch.eye(styles, dtype=torch.float64)[self.style][None, None]
         return found
 
-    def _step(self, frame: int) -> None:
-        """Predict the frame after one."""
-        tracks, controls = self._tracks(frame), self.forecaster.codec.controls
+    def _step(self, tracks: dict[str, Tensor]) -> None:
+        """Predict the frame after the one of which the course says this."""
+        controls = self.forecaster.codec.controls
         assert controls is not None
         self._session.step(controls.encode(tracks)[:, 0].to(self._session.unread))
         self._phase = torch.remainder(self._phase + tracks[STEP_RATE][0] / self.fps, 2 * math.pi)

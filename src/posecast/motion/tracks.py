@@ -65,14 +65,15 @@ def turned(tracks: Mapping[str, Tensor], angle: Tensor | float) -> dict[str, Ten
         angle: radians, positive from +z towards +x: one for all, or one a motion of a batch.
     """
     return {
-        name: _turn(values, angle) if name in _DIRECTIONS else values
+        name: turned_on_floor(values, angle) if name in _DIRECTIONS else values
         for name, values in tracks.items()
     }
 
 
-def _turn(
+def turned_on_floor(
     values: Float[Tensor, "*batch frames 2"], angle: Tensor | float
 ) -> Float[Tensor, "*batch frames 2"]:
+    """Places or directions (x, z) turned about the origin by ``angle``: see ``turned``."""
     about = torch.as_tensor(angle, dtype=values.dtype, device=values.device)
     sine, cosine = about.sin()[..., None], about.cos()[..., None]
     x, z = values.unbind(-1)
