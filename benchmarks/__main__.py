@@ -17,6 +17,7 @@ from benchmarks import (
     head,
     kinematics,
     recipe_steps,
+    recording,
     representations,
     rollout,
     sampling,
@@ -36,6 +37,7 @@ BENCHMARKS: dict[str, Callable[[], list[dict[str, object]]]] = {
     "rollout": rollout.run,
     "generation": generation.run,
     "recipe_steps": recipe_steps.run,
+    "recording": recording.run,
 }
 
 NAMES = (

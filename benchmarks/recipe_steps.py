@@ -24,10 +24,14 @@ from benchmarks.training_step import fastest_rate
 from torch import Tensor
 from torch.utils._python_dispatch import TorchDispatchMode
 
+from posecast.model import Forecaster
 from posecast.model.products import Weight, exact_products
+from posecast.motion import Motion
+from posecast.motion.tracks import FACING, MOVEMENT, STYLE
 from posecast.recipe import Recipe, list_recipes, load_recipe
 from posecast.recipe.files import SMALL
 from posecast.recipe.system_recipe import CORPUS_SKELETONS
+from posecast.representation import Codec
 from posecast.skeleton import named_skeleton
 from posecast.training import training_loss
 
@@ -69,18 +73,34 @@ def _row(recipe: Recipe, rounds: int, ceiling: float) -> dict[str, object]:
     }
 
 
-def training_step(recipe: Recipe) -> Callable[[], Tensor]:
-    """An update of a fresh network of a recipe on made-up windows."""
+def forecaster_and_windows(recipe: Recipe) -> tuple[Forecaster, Motion]:
+    """A fresh network of a recipe, and a batch of made-up windows."""
     plan = recipe.plan
     corpus = str(recipe.config["corpus"]["kind"])
     known = CORPUS_SKELETONS.get(corpus, lambda: named_skeleton("cmu-31").skeleton)
     plain = recipe.build_codec(known())
     motion = random_motion(plain.skeleton, plan.batch, plan.prefix + plan.horizon)
-    motion = motion._replace(actions=plain.actions[:1] * plan.batch)
+    motion = motion._replace(
+        actions=plain.actions[:1] * plan.batch, tracks=_random_tracks(plain, motion)
+    )
     statistics = plain.measure([motion])
     standardized = recipe.config["codec"].get("standardize", "none") != "none"
     codec = recipe.build_codec(known(), statistics if standardized else None)
-    forecaster = recipe.build_forecaster(codec)
+    return recipe.build_forecaster(codec), motion
+
+
+def _random_tracks(codec: Codec, motion: Motion) -> dict[str, Tensor]:
+    """Something for every track that a codec reads."""
+    shape = motion.root_positions.shape[:2]
+    styles = 0 if codec.controls is None else len(codec.controls.styles)
+    sizes = {MOVEMENT: (2,), FACING: (2,), STYLE: (styles,)}
+    return {name: torch.rand(*shape, *sizes.get(name, ())) for name in codec.tracks}
+
+
+def training_step(recipe: Recipe) -> Callable[[], Tensor]:
+    """An update of a fresh network of a recipe on made-up windows."""
+    plan = recipe.plan
+    forecaster, motion = forecaster_and_windows(recipe)
     weights = list(forecaster.parameters())
     optimizer: torch.optim.Optimizer
     if plan.optimizer == "adam":

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -53,12 +53,12 @@ FILES = sorted(path.stem for path in RECIPES.glob("*.yaml"))
 
 
 def test_the_recipes_are_all_here() -> None:
-    assert len(FILES) == 61
+    assert len(FILES) == 62
     # Every one but those that are small themselves has a small form.
     assert sorted(list_recipes()) == sorted(
         {*FILES, *(f"{name}-small" for name in FILES if not name.endswith("-small"))}
     )
-    assert len(list_recipes()) == 119
+    assert len(list_recipes()) == 121
 
 
 @pytest.mark.parametrize("name", list_recipes())
@@ -523,8 +523,9 @@ def test_a_recipe_learns_a_tiny_corpus_by_heart(
     recipe = _shrunk(name)
     if recipe.config["model"]["backbone"]["kind"] == "structural_rnn":
         tiny_corpus = _with_legs(tiny_corpus)
-    if recipe.config["codec"].get("controls") is not None:
-        tiny_corpus = _walks()
+    controls = recipe.config["codec"].get("controls")
+    if controls is not None:
+        tiny_corpus = _walks(controls.get("styles", ()))
     result = train(recipe, tiny_corpus, tmp_path / "run", progress=False)
     assert result.best is not None
     with (tmp_path / "run" / "log.csv").open(newline="") as file:
@@ -555,11 +556,16 @@ def _with_legs(corpus: Corpus) -> Corpus:
     return Corpus(corpus.name, clips, corpus.splits)
 
 
-def _walks() -> Corpus:
-    """Two walks of 90 frames, and what their gait is."""
-    clips = [make_clip(index, fps=25.0, seconds=3.6) for index in (0, 1)]
+def _walks(styles: Sequence[str]) -> Corpus:
+    """Two walks of 90 frames, or one of each style, and what their gait is."""
+    labels = list(styles) or ["", ""]
+    clips = [
+        replace(make_clip(index % 2, fps=25.0, seconds=3.6), labels={"style": label})
+        for index, label in enumerate(labels)
+    ]
+    every = tuple(range(len(clips)))
     return with_walks(
-        Corpus("walks", clips, dict.fromkeys(("train", "validation", "test"), (0, 1)))
+        Corpus("walks", clips, dict.fromkeys(("train", "validation", "test"), every)), styles
     )
 
 

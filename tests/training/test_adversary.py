@@ -21,7 +21,7 @@ from posecast.training.adversary import (
     forecaster_loss,
 )
 from posecast.training.sampling import Windows
-from posecast.training.step import attempt
+from posecast.training.step import Example, attempt
 
 BOTH = Adversary(fidelity=0.5, continuity=0.25, hidden=8)
 PLAN = Plan(learning_rate=0.01, clip=None)
@@ -40,7 +40,7 @@ def attempted(tiny, forecaster, mask=None):
     windows = Windows(tiny.tiny_corpus(), length=tiny.PREFIX + tiny.HORIZON, batch=4, seed=0)
     return attempt(
         forecaster,
-        windows.share(0, 0).motion,
+        Example.of(forecaster.codec, windows.share(0, 0).motion),
         prefix=tiny.PREFIX,
         mask=[True] + [False] * (tiny.HORIZON - 1) if mask is None else mask,
         order="zyx",

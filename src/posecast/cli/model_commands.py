@@ -92,6 +92,12 @@ def train(
     accelerator: Annotated[str, typer.Option(help="auto, cpu, gpu, ...")] = "auto",
     devices: Annotated[int | None, typer.Option(help="How many on each machine.")] = None,
     nodes: Annotated[int | None, typer.Option(help="How many machines.")] = None,
+    cuda_graphs: Annotated[
+        bool,
+        typer.Option(
+            "--cuda-graphs", help="Record a step and replay it: faster on one NVIDIA GPU."
+        ),
+    ] = False,
     quiet: Annotated[bool, typer.Option("--quiet", help="No progress.")] = False,
 ) -> None:
     """Train a system; writes checkpoints to OUT/last and OUT/best, logs beside them."""
@@ -105,6 +111,7 @@ def train(
         accelerator,
         "auto" if devices is None else devices,
         "auto" if nodes is None else nodes,
+        cuda_graphs=cuda_graphs,
     )
     data = read_corpus(chosen, root)
     try:

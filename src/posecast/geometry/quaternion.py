@@ -12,7 +12,7 @@ from posecast.geometry import parts
 def identity(*shape: int, like: Tensor) -> Float[Tensor, "*shape 4"]:
     """Identity rotations (1, 0, 0, 0) with the dtype and device of ``like``."""
     result = like.new_zeros(*shape, 4)
-    result[..., 0] = 1
+    result[..., 0].fill_(1)
     return result
 
 

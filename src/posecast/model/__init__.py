@@ -17,7 +17,7 @@ from posecast.model.pace import PaceNetwork
 from posecast.model.parts_head import PartsHead
 from posecast.model.predictor import ForecasterPredictor
 from posecast.model.recurrent import Backbone, GRUBackbone, State, Summary
-from posecast.model.rollout import Rollout, Session, Steppable, rollout
+from posecast.model.rollout import Rollout, Session, Steppable, gated_rollout, rollout
 from posecast.model.structural_rnn import StructuralRNNBackbone
 from posecast.model.structured import StructuredHead
 
@@ -63,5 +63,6 @@ __all__ = [
     "StructuredHead",
     "Summary",
     "ZeroVelocity",
+    "gated_rollout",
     "rollout",
 ]

@@ -196,6 +196,53 @@ def rollout(
         session.read(true_run, None if controls is None else controls[:, steered:read])
         parts.append(session.advance(stop - start))
         start, steered = stop, read
+    return _joined(parts)
+
+
+def gated_rollout(
+    forecaster: Steppable,
+    prefix: Float[Tensor, "batch frames features"],
+    horizon: int,
+    *,
+    truth: Float[Tensor, "batch _ features"],
+    truth_mask: Bool[Tensor, " horizon"],
+    controls: Float[Tensor, "batch _ controls"] | None = None,
+    feedback_gradient: bool = True,
+    generator: torch.Generator | None = None,
+) -> Rollout:
+    """The same as ``rollout``, whatever the mask says by the same operations.
+
+    Nothing looks into the mask: after the prefix every frame is read in a call of its own, and the
+    mask chooses between the true frame and the one predicted. So the operations can be recorded
+    once for all masks (``training.recording``); done one by one they are slower.
+
+    Args:
+        forecaster, prefix, horizon, truth, controls, feedback_gradient, generator: see ``rollout``.
+        truth_mask: as for ``rollout``, on the device of ``prefix``.
+
+    Raises:
+        ConfigError: nothing to read or to predict, or too little truth or controls.
+    """
+    _check(prefix, horizon, truth, [True] * len(truth_mask), controls)
+    given = prefix.shape[1]
+    session = Session.start(
+        forecaster,
+        prefix,
+        None if controls is None else controls[:, :given],
+        generator=generator,
+        feedback_gradient=feedback_gradient,
+    )
+    parts = [session.advance()]
+    for step in range(1, horizon):
+        read = given + step
+        session.unread = torch.where(truth_mask[step], truth[:, step - 1 : step], session.unread)
+        session._steer(None if controls is None else controls[:, read - 1 : read])
+        parts.append(session.advance())
+    return _joined(parts)
+
+
+def _joined(parts: Sequence[Prediction]) -> Rollout:
+    """Predictions one after the other."""
     return Rollout(
         torch.cat([part.features for part in parts], dim=1),
         torch.cat([part.raw for part in parts], dim=1),

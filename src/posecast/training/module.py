@@ -19,6 +19,7 @@ from posecast.training.adversary import Discriminators, Pair
 from posecast.training.feeding import Feed
 from posecast.training.objective import Objective
 from posecast.training.optimizers import OPTIMIZERS
+from posecast.training.recording import Recorder
 from posecast.training.sampling import Batch, Windows
 from posecast.training.schedules import (
     LearningRate,
@@ -27,7 +28,7 @@ from posecast.training.schedules import (
     derived_seed,
 )
 from posecast.training.state import TrainingState, restore_moments
-from posecast.training.step import attempt
+from posecast.training.step import Attempt, Example, attempt
 
 AfterEpoch = Callable[[int, int, Mapping[str, float], Optimizer], Mapping[str, float]]
 
@@ -48,6 +49,7 @@ class TrainingModule(lightning.LightningModule):
         noise: standard deviation of the noise on the inputs for every update; ``None``: it stays
             what the forecaster has.
         discriminators: what the forecaster is to deceive; ``None``: its objective is all there is.
+        recorded: whether steps are recorded as CUDA graphs; neither noise nor discriminators then.
         begin: the state to go on from; its weights are in the forecaster already.
         after_epoch: called in the main process with the epochs and updates done, the averages of
             the epoch and the optimizer; what it returns goes to the loggers.
@@ -69,6 +71,7 @@ class TrainingModule(lightning.LightningModule):
         feedback_gradient: bool = True,
         noise: NoiseLevels | None = None,
         discriminators: Discriminators | None = None,
+        recorded: bool = False,
         begin: TrainingState | None = None,
         after_epoch: AfterEpoch | None = None,
         is_enough: Callable[[], bool] | None = None,
@@ -85,6 +88,11 @@ class TrainingModule(lightning.LightningModule):
         self.feedback_gradient = feedback_gradient
         self.noise = noise
         self.discriminators = discriminators
+        self.recorder = (
+            Recorder(forecaster, objective, prefix=prefix, feedback_gradient=feedback_gradient)
+            if recorded
+            else None
+        )
         self.begin = begin
         self.after_epoch = after_epoch
         self.is_enough = is_enough
@@ -132,23 +140,31 @@ class TrainingModule(lightning.LightningModule):
         if self.noise is not None:
             self.forecaster.input_noise = self.noise.at(self.updates)
         mask = self.feed.mask(self.windows.length - self.prefix, self.epoch, draws)
-        attempted = attempt(
+        example = Example.of(self.forecaster.codec, motion)
+        if self.recorder is not None:
+            loss = self.recorder(example, mask)
+        else:
+            attempted = self._attempt(example, mask)
+            loss = self.objective(attempted.comparison)
+            if self.discriminators is not None:
+                pairs = self.discriminators.pairs(attempted)
+                loss = self.discriminators.oppose(loss, pairs)
+                self._judged = pairs, batch
+        self._count("loss", loss.total * batch.weight, batch.windows)
+        for name, value in loss.terms.items():
+            self._count(f"loss/{name}", value * batch.weight, batch.windows)
+        return loss.total * batch.weight
+
+    def _attempt(self, example: Example, mask: Tensor) -> Attempt:
+        """The forecaster's predictions beside the truth."""
+        return attempt(
             self.forecaster,
-            motion,
+            example,
             prefix=self.prefix,
             mask=mask,
             order=self.objective.order,
             feedback_gradient=self.feedback_gradient,
         )
-        loss = self.objective(attempted.comparison)
-        if self.discriminators is not None:
-            pairs = self.discriminators.pairs(attempted)
-            loss = self.discriminators.oppose(loss, pairs)
-            self._judged = pairs, batch
-        self._count("loss", loss.total * batch.weight, batch.windows)
-        for name, value in loss.terms.items():
-            self._count(f"loss/{name}", value * batch.weight, batch.windows)
-        return loss.total * batch.weight
 
     def on_before_optimizer_step(self, optimizer: Optimizer) -> None:
         """Let the discriminators learn from this step's predictions.

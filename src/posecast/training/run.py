@@ -17,6 +17,7 @@ from posecast.training.feeding import Feed
 from posecast.training.keeping import BEST, LAST, RUN_FILES, STATE, Best, Keeper, Save, Validate
 from posecast.training.objective import Objective
 from posecast.training.plan import Machines, Plan, require_lightning
+from posecast.training.recording import check_recording
 from posecast.training.sampling import EveryRecording, Sampling, Windows
 from posecast.training.state import TrainingState, check_settings, read_state
 from posecast.training.trainer import build_trainer, quiet_lightning, run_training, training_mode
@@ -142,8 +143,22 @@ def fit(
         main = os.environ.get("RANK", "0") == "0"
         return FitResult(folder, begin.epoch, begin.updates, {}, keeper.best, windows.skipped, main)
     with quiet_lightning(), training_mode(forecaster):
-        module = _module(forecaster, windows, plan, objective, feed, begin, keeper)
-        trainer = build_trainer(plan, machines or Machines(), folder, begin, loggers)
+        machines = machines or Machines()
+        trainer = build_trainer(plan, machines, folder, begin, loggers)
+        if machines.cuda_graphs:
+            check_recording(
+                trainer.strategy.root_device, trainer.world_size, plan, adversary=adversary
+            )
+        module = _module(
+            forecaster,
+            windows,
+            plan,
+            objective,
+            feed,
+            begin,
+            keeper,
+            recorded=machines.cuda_graphs,
+        )
         run_training(trainer, module, keeper, progress=progress)
         best = trainer.strategy.broadcast(keeper.best)
     return FitResult(
@@ -265,6 +280,8 @@ def _module(
     feed: Feed,
     begin: TrainingState | None,
     keeper: Keeper,
+    *,
+    recorded: bool,
 ) -> TrainingModule:
     """The Lightning module; Lightning is imported here, when training begins, and not before."""
     from posecast.training.module import TrainingModule
@@ -272,6 +289,7 @@ def _module(
     return TrainingModule(
         forecaster,
         windows=windows,
+        recorded=recorded,
         objective=objective,
         feed=feed,
         prefix=plan.prefix,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import torch
@@ -10,10 +10,35 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from posecast.model.forecaster import Forecaster
-from posecast.model.rollout import rollout
+from posecast.model.rollout import Rollout, rollout
 from posecast.motion import Motion
+from posecast.representation import Codec
 from posecast.training.comparison import Comparison
 from posecast.training.objective import Loss, Objective
+
+
+class Example(NamedTuple):
+    """Windows as a forecaster reads them.
+
+    Args:
+        features: of all frames, encoded in one piece, so that signs are continuous from the prefix
+            into the horizon.
+        offsets: the body of each window, those joints that the codec writes; metres.
+        controls: of all frames, for a forecaster that takes them.
+    """
+
+    features: Float[Tensor, "batch frames features"]
+    offsets: Float[Tensor, "batch joints 3"]
+    controls: Float[Tensor, "batch frames controls"] | None = None
+
+    @classmethod
+    def of(cls, codec: Codec, motion: Motion) -> Example:
+        """Windows of motion, written by a codec."""
+        return cls(codec.encode(motion), codec.choose(motion.offsets), codec.steer(motion))
+
+
+Roll = Callable[..., Rollout]
+"""How a forecaster is rolled out: ``rollout`` or ``gated_rollout``."""
 
 
 class Attempt(NamedTuple):
@@ -52,7 +77,7 @@ def training_loss(
     return objective(
         attempt(
             forecaster,
-            motion,
+            Example.of(forecaster.codec, motion),
             prefix=prefix,
             mask=mask,
             order=objective.order,
@@ -64,51 +89,49 @@ def training_loss(
 
 def attempt(
     forecaster: Forecaster,
-    motion: Motion,
+    example: Example,
     *,
     prefix: int,
     mask: Bool[Tensor, "horizon"] | Sequence[bool],
     order: str,
     feedback_gradient: bool = True,
     generator: torch.Generator | None = None,
+    roll: Roll = rollout,
 ) -> Attempt:
     """Roll a forecaster out over windows, the truth beside it.
 
     Args:
         forecaster: what is trained; its codec writes the windows as features.
-        motion: windows of ``prefix`` frames and the horizon after them.
+        example: windows of ``prefix`` frames and the horizon after them.
         prefix: frames that are given, at least one.
         mask: one boolean a step of the horizon, see ``feeding``.
         order: Euler order of the terms that measure angles.
         feedback_gradient: whether predictions that are fed back pass gradients on.
         generator: what input dropout draws from; ``None``: PyTorch's own.
+        roll: how it is rolled out.
     """
-    codec = forecaster.codec
-    # Encoded in one piece, so that signs are continuous from the prefix into the horizon.
-    features = codec.encode(motion)
-    given, truth = features[:, :prefix], features[:, prefix:]
-    controls = codec.steer(motion)
-    found = rollout(
+    given, truth = example.features[:, :prefix], example.features[:, prefix:]
+    found = roll(
         forecaster,
         given,
         truth.shape[1],
         truth=truth,
         truth_mask=mask,
-        controls=controls,
+        controls=example.controls,
         feedback_gradient=feedback_gradient,
         generator=generator,
     )
     return Attempt(
         given,
         Comparison(
-            codec=codec,
+            codec=forecaster.codec,
             predicted=found.features,
             raw=found.raw,
             emitted=found.emitted,
             last=given[:, -1],
             scale=forecaster.scale,
             target=truth,
-            offsets=codec.choose(motion.offsets),
+            offsets=example.offsets,
             order=order,
         ),
     )

@@ -104,7 +104,7 @@ def training_mode(forecaster: Forecaster) -> Iterator[None]:
 
 @contextmanager
 def quiet_lightning() -> Iterator[None]:
-    """Keep back Lightning's notes on hardware and on how it was called; warnings pass, but two."""
+    """Keep back Lightning's notes on hardware and on how it was called; warnings pass but three."""
     import lightning.pytorch  # noqa: F401  its import sets the levels that are changed here
 
     names = ("lightning.pytorch", "lightning.fabric")
@@ -114,6 +114,8 @@ def quiet_lightning() -> Iterator[None]:
         warnings.filterwarnings("ignore", "GPU available but not used")
         # Lightning 2.6 names a class that PyTorch 2.13 has renamed; nobody here can change that.
         warnings.filterwarnings("ignore", r"`isinstance\(treespec, LeafSpec\)` is deprecated")
+        # Recorded steps are warmed up on a stream of their own, and PyTorch sees that.
+        warnings.filterwarnings("ignore", "The AccumulateGrad node's stream does not match")
         for name in names:
             logging.getLogger(name).setLevel(logging.WARNING)
         try:
