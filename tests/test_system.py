@@ -100,6 +100,36 @@ def test_another_seed_gives_other_weights(
     assert any(not torch.equal(first[name], second[name]) for name in first)
 
 
+def test_a_run_begins_with_the_weights_of_another(
+    recipe: Recipe, corpus: Corpus, run: Path, tmp_path: Path
+) -> None:
+    still = Recipe(merge(recipe.config, parse_overrides(["training.learning_rate=1e-12"])))
+    start = load(run / "last")
+    train(still, corpus, tmp_path / "begun", start=start, progress=False)
+    found = load(tmp_path / "begun" / "last").forecaster.state_dict()
+    for name, value in start.forecaster.state_dict().items():
+        torch.testing.assert_close(found[name], value, rtol=0, atol=1e-8)
+    train(still, corpus, tmp_path / "begun", start=start, resume=True, progress=False)
+    with pytest.raises(ConfigError, match="start was '"):
+        train(still, corpus, tmp_path / "begun", resume=True, progress=False)
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ("model.backbone.hidden=8", "has another size there"),
+        ("representation.kind=ortho6d", "its representation is another"),
+    ],
+)
+def test_weights_of_another_network_are_nothing_to_begin_with(
+    recipe: Recipe, corpus: Corpus, run: Path, tmp_path: Path, changed: str, message: str
+) -> None:
+    changes = [changed, "model.residual=add", "training.objective.terms={features: 1.0}"]
+    other = Recipe(merge(recipe.config, parse_overrides(changes)))
+    with pytest.raises(ConfigError, match=message):
+        train(other, corpus, tmp_path / "begun", start=load(run / "last"), progress=False)
+
+
 @pytest.mark.parametrize(
     ("changed", "message"),
     [

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -11,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import torch
 
 from posecast.checkpoint import Checkpoint, load_checkpoint, save_checkpoint
-from posecast.errors import DataError
+from posecast.errors import ConfigError, DataError
 from posecast.evaluation.scores import AVERAGE, Scores
 from posecast.forecast import forecast_clip
 from posecast.generation.gait_table import GaitTable, measure_gait
@@ -159,6 +160,7 @@ def train(
     corpus: Corpus,
     folder: Path,
     *,
+    start: System | None = None,
     machines: Machines | None = None,
     resume: bool = False,
     progress: bool = True,
@@ -172,9 +174,14 @@ def train(
         recipe: what to train.
         corpus: what to train on, at the recipe's frame rate.
         folder: for the run.
+        start: a trained system of the same network, to begin with its weights; ``None``: they are
+            drawn.
         machines: processes and devices; ``None``: as found.
         resume: go on with the run that is in ``folder``.
         progress: show how far it is, on standard error.
+
+    Raises:
+        ConfigError: the weights of ``start`` are of another network or another skeleton.
     """
     from posecast.training.run import fit
 
@@ -183,6 +190,10 @@ def train(
     with torch.random.fork_rng(devices=[]):
         torch.random.manual_seed(recipe.plan.seed)
         forecaster = recipe.build_forecaster(codec)
+    origin = recipe.origin
+    if start is not None:
+        _begin_with(forecaster, start)
+        origin = {**origin, "start": _digest(start.forecaster)}
     body = corpus.clips[corpus.splits["train"][0]].offsets.double().tolist()
     offsets = tuple((x, y, z) for x, y, z in body)
     gait = None
@@ -206,12 +217,48 @@ def train(
         adversary=recipe.adversary,
         folder=folder,
         machines=machines,
-        origin=recipe.origin,
+        origin=origin,
         validate=validate if corpus.splits.get("validation") else None,
         save=write,
         resume=resume,
         progress=progress,
     )
+
+
+def _begin_with(forecaster: Forecaster, start: System) -> None:
+    """Give a forecaster the weights of a trained system.
+
+    Raises:
+        ConfigError: they are of another network or another skeleton.
+    """
+    found, expected = start.forecaster.codec, forecaster.codec
+    weights = start.forecaster.state_dict()
+    wrong = [
+        name
+        for name, value in forecaster.state_dict().items()
+        if name not in weights or weights[name].shape != value.shape
+    ]
+    differs = ""
+    if found.skeleton.names != expected.skeleton.names:
+        differs = "its skeleton has other joints"
+    elif (found.root, found.controls) != (expected.root, expected.controls):
+        differs = "its root channels or controls are others"
+    elif type(found.representation) is not type(expected.representation):
+        differs = "its representation is another"
+    elif wrong:
+        differs = f"{wrong[0]} has another size there"
+    if differs:
+        raise ConfigError(f"{start.recipe.name} cannot be begun with: {differs}")
+    forecaster.load_state_dict(weights)
+
+
+def _digest(forecaster: Forecaster) -> str:
+    """What tells weights from others."""
+    whole = hashlib.sha256()
+    for name, value in sorted(forecaster.state_dict().items()):
+        whole.update(name.encode())
+        whole.update(value.detach().cpu().numpy().tobytes())
+    return whole.hexdigest()[:16]
 
 
 def check(recipe: Recipe, corpus: Corpus, folder: Path) -> None:

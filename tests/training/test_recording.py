@@ -41,9 +41,9 @@ def test_a_gated_rollout_is_the_rollout(tiny, pattern, feedback_gradient):
             feedback_gradient=feedback_gradient,
         )
         found.append(made)
-        total = sum(part.square().sum() for part in made)
+        total = sum(part.square().sum() for part in (*made[:3], *made.state))
         gradients.append(torch.autograd.grad(total, list(forecaster.parameters())))
-    for one, other in zip(*found, strict=True):
+    for one, other in zip(*((*made[:3], *made.state) for made in found), strict=True):
         torch.testing.assert_close(one, other, rtol=1e-5, atol=1e-6)
     for one, other in zip(*gradients, strict=True):
         torch.testing.assert_close(one, other, rtol=1e-4, atol=1e-5)
@@ -59,7 +59,9 @@ def test_what_is_recorded_is_the_loss_of_a_step(tiny):
         ).comparison
     )
     step = Recorder(forecaster, OBJECTIVE, prefix=tiny.PREFIX).step()
-    total, *terms = step(mask, *(value for value in example if value is not None))
+    total, *others = step(mask, *(value for value in example if value is not None))
+    terms, state = others[: len(plain.terms)], others[len(plain.terms) :]
+    assert [each.shape for each in state] == [(4, 24)]
     torch.testing.assert_close(total, plain.total)
     torch.testing.assert_close(terms, [term.detach() for term in plain.terms.values()])
     assert total.requires_grad

@@ -1,8 +1,8 @@
 """A training run as a process of its own: to be killed, or to be one of several.
 
-Usage: worker.py FOLDER EPOCHS SECONDS_PER_EPOCH [DEVICES | auto] [ADVERSARY]
+Usage: worker.py FOLDER EPOCHS SECONDS_PER_EPOCH [DEVICES | auto] [ADVERSARY] [CARRY]
 
-ADVERSARY: the arguments of one, as JSON.
+ADVERSARY: the arguments of one, as JSON; CARRY: the share of the windows that carry states.
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ def main() -> None:
         devices=None if devices == "auto" else int(devices),
         adversary=Adversary(**json.loads(adversary)) if adversary else None,
         on_validation=lambda: time.sleep(seconds),
+        carry=float(sys.argv[6]) if len(sys.argv) > 6 else 0.0,
     )
     if result.is_main_process:
         (folder / "done").write_text(f"{result.updates} {result.best.epoch}")

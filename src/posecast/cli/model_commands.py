@@ -86,6 +86,10 @@ def train(
     out: Annotated[Path, typer.Option("--out", help="Folder of the run.")] = Path("runs/new"),
     corpus: CorpusOption = None,
     root: RootOption = None,
+    start: Annotated[
+        Path | None,
+        typer.Option("--start", help="A checkpoint of the same network: begin with its weights."),
+    ] = None,
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on with the run that is in the folder.")
     ] = False,
@@ -102,6 +106,7 @@ def train(
 ) -> None:
     """Train a system; writes checkpoints to OUT/last and OUT/best, logs beside them."""
     from posecast.recipe import load_recipe
+    from posecast.system import load
     from posecast.system import train as train_system
     from posecast.training.plan import Machines, require_lightning
 
@@ -113,10 +118,17 @@ def train(
         "auto" if nodes is None else nodes,
         cuda_graphs=cuda_graphs,
     )
+    begin = None if start is None else load(start)
     data = read_corpus(chosen, root)
     try:
         result = train_system(
-            chosen, data, out, machines=machines, resume=resume, progress=not quiet
+            chosen,
+            data,
+            out,
+            start=begin,
+            machines=machines,
+            resume=resume,
+            progress=not quiet,
         )
     except KeyboardInterrupt:
         say(f"stopped; the same command with --resume goes on from the last state in {out}")

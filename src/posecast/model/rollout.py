@@ -69,19 +69,22 @@ class Session:
         prefix: Float[Tensor, "batch frames features"],
         controls: Float[Tensor, "batch _ controls"] | None = None,
         *,
+        state: State | None = None,
         generator: torch.Generator | None = None,
         feedback_gradient: bool = True,
     ) -> Session:
-        """A session that has frames to read, and has read none.
+        """A session that has frames to read.
 
         Args:
             forecaster: what predicts.
             prefix: true frames, at least one.
             controls: of these frames, or of all but the last, whose controls ``step`` is given.
+            state: what it remembers of frames before these; ``None``: that there were none.
             generator: what input dropout draws from in training.
             feedback_gradient: whether a frame that is fed back passes gradients on.
         """
-        state = forecaster.initial_state(prefix.shape[0])
+        if state is None:
+            state = forecaster.initial_state(prefix.shape[0])
         return cls(forecaster, state, prefix, controls, generator, feedback_gradient)
 
     def read(
@@ -145,11 +148,13 @@ class Rollout(NamedTuple):
         features: valid features of the horizon.
         raw: what the representation's penalty is taken of, see ``Prediction``.
         emitted: the features before they were projected.
+        state: what the backbone remembers of all frames it has read.
     """
 
     features: Float[Tensor, "batch horizon features"]
     raw: Float[Tensor, "batch horizon joints joint_dim"]
     emitted: Float[Tensor, "batch horizon features"]
+    state: State
 
 
 def rollout(
@@ -160,6 +165,7 @@ def rollout(
     truth: Float[Tensor, "batch _ features"] | None = None,
     truth_mask: Bool[Tensor, " horizon"] | Sequence[bool] | None = None,
     controls: Float[Tensor, "batch _ controls"] | None = None,
+    state: State | None = None,
     feedback_gradient: bool = True,
     generator: torch.Generator | None = None,
 ) -> Rollout:
@@ -175,6 +181,8 @@ def rollout(
             prefix, so the first entry says nothing. Each run of true frames is read in one call of
             the backbone. On the CPU, if it is a tensor. ``None``: own predictions throughout.
         controls: of the prefix and of the horizon; that of the last frame is never read.
+        state: what the forecaster remembers of frames before the prefix; ``None``: that there were
+            none.
         feedback_gradient: whether predictions that are fed back pass gradients on (Pavllo et al.
             2020 stop them in their convolutional network).
         generator: what input dropout draws from in training.
@@ -185,7 +193,11 @@ def rollout(
     given = [False] * horizon if truth_mask is None else [bool(each) for each in truth_mask]
     _check(prefix, horizon, truth, given, controls)
     session = Session.start(
-        forecaster, prefix, generator=generator, feedback_gradient=feedback_gradient
+        forecaster,
+        prefix,
+        state=state,
+        generator=generator,
+        feedback_gradient=feedback_gradient,
     )
     parts: list[Prediction] = []
     start = steered = 0
@@ -207,6 +219,7 @@ def gated_rollout(
     truth: Float[Tensor, "batch _ features"],
     truth_mask: Bool[Tensor, " horizon"],
     controls: Float[Tensor, "batch _ controls"] | None = None,
+    state: State | None = None,
     feedback_gradient: bool = True,
     generator: torch.Generator | None = None,
 ) -> Rollout:
@@ -217,7 +230,8 @@ def gated_rollout(
     once for all masks (``training.recording``); done one by one they are slower.
 
     Args:
-        forecaster, prefix, horizon, truth, controls, feedback_gradient, generator: see ``rollout``.
+        forecaster, prefix, horizon, truth, controls, state, feedback_gradient, generator: see
+            ``rollout``.
         truth_mask: as for ``rollout``, on the device of ``prefix``.
 
     Raises:
@@ -229,6 +243,7 @@ def gated_rollout(
         forecaster,
         prefix,
         None if controls is None else controls[:, :given],
+        state=state,
         generator=generator,
         feedback_gradient=feedback_gradient,
     )
@@ -247,6 +262,7 @@ def _joined(parts: Sequence[Prediction]) -> Rollout:
         torch.cat([part.features for part in parts], dim=1),
         torch.cat([part.raw for part in parts], dim=1),
         torch.cat([part.emitted for part in parts], dim=1),
+        parts[-1].state,
     )
 
 

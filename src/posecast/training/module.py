@@ -15,6 +15,7 @@ from torch.optim import Optimizer
 
 from posecast.errors import ConfigError
 from posecast.model.forecaster import Forecaster
+from posecast.model.recurrent import State
 from posecast.training.adversary import Discriminators, Pair
 from posecast.training.feeding import Feed
 from posecast.training.objective import Objective
@@ -28,7 +29,7 @@ from posecast.training.schedules import (
     derived_seed,
 )
 from posecast.training.state import TrainingState, restore_moments
-from posecast.training.step import Attempt, Example, attempt
+from posecast.training.step import Attempt, Carried, Example, attempt
 
 AfterEpoch = Callable[[int, int, Mapping[str, float], Optimizer], Mapping[str, float]]
 
@@ -49,6 +50,7 @@ class TrainingModule(lightning.LightningModule):
         noise: standard deviation of the noise on the inputs for every update; ``None``: it stays
             what the forecaster has.
         discriminators: what the forecaster is to deceive; ``None``: its objective is all there is.
+        carry: share of the windows read with what is remembered of those of the step before.
         recorded: whether steps are recorded as CUDA graphs; neither noise nor discriminators then.
         begin: the state to go on from; its weights are in the forecaster already.
         after_epoch: called in the main process with the epochs and updates done, the averages of
@@ -71,6 +73,7 @@ class TrainingModule(lightning.LightningModule):
         feedback_gradient: bool = True,
         noise: NoiseLevels | None = None,
         discriminators: Discriminators | None = None,
+        carry: float = 0.0,
         recorded: bool = False,
         begin: TrainingState | None = None,
         after_epoch: AfterEpoch | None = None,
@@ -88,6 +91,7 @@ class TrainingModule(lightning.LightningModule):
         self.feedback_gradient = feedback_gradient
         self.noise = noise
         self.discriminators = discriminators
+        self.carry = carry
         self.recorder = (
             Recorder(forecaster, objective, prefix=prefix, feedback_gradient=feedback_gradient)
             if recorded
@@ -101,6 +105,7 @@ class TrainingModule(lightning.LightningModule):
         self._sums: dict[str, Tensor] = {}
         self._counts: dict[str, float] = {}
         self._judged: tuple[dict[str, Pair], Batch] | None = None
+        self._state: State | None = None
 
     @property
     def epoch(self) -> int:
@@ -129,6 +134,7 @@ class TrainingModule(lightning.LightningModule):
             derived_seed(self.windows.seed, "modules", self.epoch, "rank", self.global_rank)
         )
         self._sums, self._counts = {}, {}
+        self._state = None  # so that a run that is resumed between epochs is the same run
 
     def training_step(self, step: int, batch_idx: int) -> Tensor:
         """The loss of this process's share, weighted so that processes average to the whole."""
@@ -141,10 +147,12 @@ class TrainingModule(lightning.LightningModule):
             self.forecaster.input_noise = self.noise.at(self.updates)
         mask = self.feed.mask(self.windows.length - self.prefix, self.epoch, draws)
         example = Example.of(self.forecaster.codec, motion)
+        carried = self._carried(batch.windows, step, len(example.features))
         if self.recorder is not None:
-            loss = self.recorder(example, mask)
+            loss, self._state = self.recorder(example, mask, carried)
         else:
-            attempted = self._attempt(example, mask)
+            attempted = self._attempt(example, mask, carried)
+            self._state = attempted.state
             loss = self.objective(attempted.comparison)
             if self.discriminators is not None:
                 pairs = self.discriminators.pairs(attempted)
@@ -155,7 +163,27 @@ class TrainingModule(lightning.LightningModule):
             self._count(f"loss/{name}", value * batch.weight, batch.windows)
         return loss.total * batch.weight
 
-    def _attempt(self, example: Example, mask: Tensor) -> Attempt:
+    def _carried(self, windows: int, step: int, own: int) -> Carried | None:
+        """What is remembered of the windows of the step before, for some of this step's.
+
+        Args:
+            windows: of the whole batch.
+            step: of the epoch.
+            own: windows of this process.
+        """
+        if not self.carry:
+            return None
+        draws = derived_generator(self.windows.seed, "carry", self.epoch, step)
+        kept = torch.rand(windows, generator=draws) < self.carry
+        kept = kept[self.global_rank :: self.trainer.world_size][:own]
+        if self._state is None or len(kept) < own:  # nothing yet, or a window of no weight
+            kept = torch.zeros(own, dtype=torch.bool)
+        state = self._state
+        if state is None:
+            state = tuple(each.detach() for each in self.forecaster.initial_state(own))
+        return Carried(kept.to(self.device), tuple(each[:own] for each in state))
+
+    def _attempt(self, example: Example, mask: Tensor, carried: Carried | None) -> Attempt:
         """The forecaster's predictions beside the truth."""
         return attempt(
             self.forecaster,
@@ -164,6 +192,7 @@ class TrainingModule(lightning.LightningModule):
             mask=mask,
             order=self.objective.order,
             feedback_gradient=self.feedback_gradient,
+            carried=carried,
         )
 
     def on_before_optimizer_step(self, optimizer: Optimizer) -> None:

@@ -47,6 +47,10 @@ class Plan:
             every lower one is kept as the best.
         noise_at: pairs of a number of updates and the standard deviation of the noise on the inputs
             from there on (``Forecaster.input_noise``); ``None``: it stays what it is.
+        carry: share of the windows that are read with what is remembered of windows of the update
+            before, gradients aside, rather than with the initial state; an epoch begins with that.
+            A network that has only ever remembered one window may count the time since its start,
+            and lose its way soon after; so it learns to walk on.
 
     Raises:
         ConfigError: a number out of its range.
@@ -74,6 +78,7 @@ class Plan:
     patience: int | None = None
     least_improvement: float = 0.0
     noise_at: list[list[float]] | None = None
+    carry: float = 0.0
 
     def __post_init__(self) -> None:
         for name in (
@@ -97,6 +102,8 @@ class Plan:
             raise ConfigError(f"clip is {self.clip}; expected more than 0, or null for no clipping")
         if self.optimizer not in ("adam", "sgd"):
             raise ConfigError(f"optimizer {self.optimizer!r} is unknown; choose adam or sgd")
+        if not 0 <= self.carry <= 1:
+            raise ConfigError(f"carry is {self.carry}; expected a share, 0 to 1")
         if not 0 <= self.least_improvement < 1:
             raise ConfigError(
                 f"least_improvement is {self.least_improvement}; expected a share, 0 or more and "

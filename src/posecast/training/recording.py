@@ -15,11 +15,12 @@ from torch import Tensor, nn
 
 from posecast.errors import ConfigError
 from posecast.model.forecaster import Forecaster
+from posecast.model.recurrent import State
 from posecast.model.rollout import gated_rollout
 from posecast.training.adversary import Adversary
 from posecast.training.objective import Loss, Objective
 from posecast.training.plan import Plan
-from posecast.training.step import Example, attempt
+from posecast.training.step import Carried, Example, attempt
 
 
 def check_recording(
@@ -69,22 +70,29 @@ class Recorder:
         self.prefix, self.feedback_gradient = prefix, feedback_gradient
         self._recorded: dict[tuple[torch.Size, ...], Callable[..., Any]] = {}
 
-    def __call__(self, example: Example, mask: Bool[Tensor, "horizon"]) -> Loss:
-        """The loss of windows, the same as that of ``attempt`` with this mask.
+    def __call__(
+        self, example: Example, mask: Bool[Tensor, "horizon"], carried: Carried | None = None
+    ) -> tuple[Loss, State]:
+        """The loss of windows and the state in the end, the same as of ``attempt``.
 
         Args:
             example: the windows.
             mask: one boolean a step of the horizon, on any device.
+            carried: what is remembered of other windows; always given or never.
         """
         windows = [value for value in example if value is not None]
-        values = [mask.to(example.features.device), *windows]
+        memory = () if carried is None else (carried.kept, *carried.state)
+        values = [mask.to(example.features.device), *windows, *memory]
         shapes = tuple(value.shape for value in values)
         if shapes not in self._recorded:
             self._recorded[shapes] = torch.cuda.make_graphed_callables(
                 self.step(), tuple(value.clone() for value in values), allow_unused_input=True
             )
-        total, *terms = self._recorded[shapes](*values)
-        return Loss(total, dict(zip(self.objective.terms, terms, strict=True)))
+        total, *others = self._recorded[shapes](*values)
+        terms, state = others[: len(self.objective.terms)], others[len(self.objective.terms) :]
+        loss = Loss(total, dict(zip(self.objective.terms, terms, strict=True)))
+        # The next replay writes where this one wrote, and reads what it is given before.
+        return loss, tuple(each.clone() for each in state)
 
     def step(self) -> RecordableStep:
         """What is recorded, as a module of its own."""
@@ -112,16 +120,19 @@ class RecordableStep(nn.Module):
         self.forecaster, self.objective = forecaster, objective
         self.prefix, self.feedback_gradient = prefix, feedback_gradient
 
-    def forward(self, mask: Bool[Tensor, "horizon"], *windows: Tensor) -> tuple[Tensor, ...]:
-        """The loss, which has a gradient, and its terms before weighting, which have none."""
+    def forward(self, mask: Bool[Tensor, "horizon"], *values: Tensor) -> tuple[Tensor, ...]:
+        """The loss, which has a gradient; its terms before weighting and the state have none."""
+        windows = 2 if self.forecaster.controls is None else 3
+        memory = values[windows:]
         attempted = attempt(
             self.forecaster,
-            Example(*windows),
+            Example(*values[:windows]),
             prefix=self.prefix,
             mask=mask,
             order=self.objective.order,
             feedback_gradient=self.feedback_gradient,
+            carried=Carried(memory[0], memory[1:]) if memory else None,
             roll=gated_rollout,
         )
         loss = self.objective(attempted.comparison)
-        return (loss.total, *(value.detach() for value in loss.terms.values()))
+        return (loss.total, *(value.detach() for value in loss.terms.values()), *attempted.state)

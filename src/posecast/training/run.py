@@ -289,6 +289,7 @@ def _module(
     return TrainingModule(
         forecaster,
         windows=windows,
+        carry=plan.carry,
         recorded=recorded,
         objective=objective,
         feed=feed,

@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from posecast.model.forecaster import Forecaster
+from posecast.model.recurrent import State
 from posecast.model.rollout import Rollout, rollout
 from posecast.motion import Motion
 from posecast.representation import Codec
@@ -41,16 +42,37 @@ Roll = Callable[..., Rollout]
 """How a forecaster is rolled out: ``rollout`` or ``gated_rollout``."""
 
 
+class Carried(NamedTuple):
+    """What a forecaster still remembers of other windows when it begins to read new ones.
+
+    Args:
+        kept: windows of which the state goes on; the others begin with the initial state.
+        state: of the backbone, without a gradient.
+    """
+
+    kept: Bool[Tensor, "batch"]
+    state: State
+
+    def over(self, initial: State) -> State:
+        """The states to begin with."""
+        return tuple(
+            torch.where(self.kept.view(-1, *[1] * (fresh.dim() - 1)), old, fresh)
+            for old, fresh in zip(self.state, initial, strict=True)
+        )
+
+
 class Attempt(NamedTuple):
     """What a forecaster made of windows in training.
 
     Args:
         given: features of the frames it was given.
         comparison: its predictions beside what really followed.
+        state: what its backbone remembers in the end, without a gradient.
     """
 
     given: Float[Tensor, "batch prefix features"]
     comparison: Comparison
+    state: State
 
 
 def training_loss(
@@ -96,6 +118,7 @@ def attempt(
     order: str,
     feedback_gradient: bool = True,
     generator: torch.Generator | None = None,
+    carried: Carried | None = None,
     roll: Roll = rollout,
 ) -> Attempt:
     """Roll a forecaster out over windows, the truth beside it.
@@ -108,8 +131,10 @@ def attempt(
         order: Euler order of the terms that measure angles.
         feedback_gradient: whether predictions that are fed back pass gradients on.
         generator: what input dropout draws from; ``None``: PyTorch's own.
+        carried: what it remembers of other windows; ``None``: nothing.
         roll: how it is rolled out.
     """
+    state = None if carried is None else carried.over(forecaster.initial_state(len(carried.kept)))
     given, truth = example.features[:, :prefix], example.features[:, prefix:]
     found = roll(
         forecaster,
@@ -118,6 +143,7 @@ def attempt(
         truth=truth,
         truth_mask=mask,
         controls=example.controls,
+        state=state,
         feedback_gradient=feedback_gradient,
         generator=generator,
     )
@@ -134,4 +160,5 @@ def attempt(
             offsets=example.offsets,
             order=order,
         ),
+        tuple(each.detach() for each in found.state),
     )
