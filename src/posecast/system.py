@@ -22,6 +22,7 @@ from posecast.motion.corpus import Corpus
 from posecast.recipe import Recipe
 from posecast.recipe.fitting import check_corpus
 from posecast.representation import Statistics
+from posecast.shipped import checkpoint_folder
 from posecast.skeleton import Skeleton
 
 if TYPE_CHECKING:
@@ -88,11 +89,14 @@ class System:
 def load(folder: str | Path) -> System:
     """Read a system back from a checkpoint folder; nothing in the folder is executed.
 
+    Args:
+        folder: or the name of a model that comes with posecast (``shipped.shipped_models``).
+
     Raises:
         DataError: not a checkpoint, or one whose weights do not fit its recipe.
         ConfigError: a recipe this version does not understand.
     """
-    checkpoint = load_checkpoint(Path(folder))
+    checkpoint = load_checkpoint(checkpoint_folder(folder))
     recipe = Recipe(checkpoint.recipe)
     codec = recipe.build_codec(checkpoint.skeleton)
     statistics = _part(checkpoint.tensors, STATISTICS)
@@ -103,7 +107,10 @@ def load(folder: str | Path) -> System:
             raise DataError(
                 folder, f"statistics {sorted(statistics)}; expected mean, scale"
             ) from None
-    weights = _part(checkpoint.tensors, WEIGHTS)
+    weights = {
+        name: value.float() if value.dtype == torch.float16 else value
+        for name, value in _part(checkpoint.tensors, WEIGHTS).items()
+    }
     if checkpoint.fps != recipe.fps:
         raise DataError(
             folder,
@@ -127,15 +134,20 @@ def load(folder: str | Path) -> System:
     return System(recipe, forecaster, checkpoint.offsets, checkpoint.progress, table)
 
 
-def save(system: System, folder: str | Path) -> None:
+def save(system: System, folder: str | Path, *, half: bool = False) -> None:
     """Write a system as a checkpoint folder, replacing an older checkpoint in one step.
+
+    Args:
+        system: what to write.
+        folder: where to.
+        half: write the weights in half precision, in half the space; they are read back as single.
 
     Raises:
         DataError: the folder cannot be written or holds something else.
     """
     statistics = system.forecaster.codec.statistics
     tensors = {
-        WEIGHTS + name: value.detach().cpu()
+        WEIGHTS + name: value.detach().cpu().to(torch.float16 if half else value.dtype)
         for name, value in system.forecaster.state_dict().items()
     }
     if statistics is not None:

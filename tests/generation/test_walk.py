@@ -29,10 +29,10 @@ def test_a_walk_has_a_frame_for_every_moment_of_its_course(make_walk):
 
 
 def test_the_root_is_where_the_course_is_but_for_what_the_network_says(make_walk):
-    walk = make_walk()
+    walk = make_walk(renew=None)
     codec = walk.forecaster.codec
     for frame in range(60):
-        said = codec.split(walk._session.unread[0, -1].double()).root
+        said = codec.split(walk._memories[0].expected[0, -1].double()).root
         pose = next(walk)
         time = torch.tensor([frame / 30]).double()
         place = walk.course.path.at(walk.course.distance(time))

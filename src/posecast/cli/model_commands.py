@@ -211,7 +211,9 @@ def forecast(
 
 
 def walk(
-    checkpoint: Annotated[Path, typer.Argument(help="A checkpoint folder of a locomotion recipe.")],
+    checkpoint: Annotated[
+        Path, typer.Argument(help="A checkpoint folder that walks, or a name of posecast models.")
+    ],
     path: Annotated[Path, typer.Option("--path", help="The path: .csv, .json or .svg.")],
     out: Annotated[
         Path, typer.Option("--out", help="What to write: .bvh, .glb, .npz, or .gif and .mp4.")
@@ -229,6 +231,10 @@ def walk(
     style: Annotated[
         str | None, typer.Option("--style", help="Of those it was trained on.")
     ] = None,
+    mode: Annotated[
+        str,
+        typer.Option("--mode", help="exact, or fast: large weights in eight bits (extra onnx)."),
+    ] = "exact",
     seconds: Annotated[
         float | None,
         typer.Option(
@@ -243,7 +249,7 @@ def walk(
     from posecast.system import load
 
     check_target(out)
-    wishes = Wishes(speed, arrive or (), facing, style, seconds)
+    wishes = Wishes(speed, arrive or (), facing, style, seconds, mode)
     clip, course = walk_along(load(checkpoint), path, wishes)
     if out.suffix.lower() in (".gif", ".mp4", ".png"):
         from posecast.viewer import draw

@@ -6,11 +6,13 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, cast
 
 import torch
 
 from posecast.config import did_you_mean
 from posecast.errors import ConfigError
+from posecast.export import Stepper
 from posecast.generation import Course, Walk, arriving, pace_by_hand, walked_clip
 from posecast.io.path_files import read_waypoints
 from posecast.motion import Clip, find_feet, leg_length, path_scale
@@ -27,6 +29,7 @@ class Wishes:
         facing: degrees from the path's direction towards the left hand; ``None``: along it.
         style: name of a style; ``None``: the first one, where there are several.
         seconds: how long to walk; ``None``: to the end of the path.
+        mode: ``exact`` or ``fast``, see ``posecast.export.Stepper``.
     """
 
     speed: float | None = None
@@ -34,6 +37,7 @@ class Wishes:
     facing: float | None = None
     style: str | None = None
     seconds: float | None = None
+    mode: str = "exact"
 
 
 def walk_along(system: System, file: Path, wishes: Wishes) -> tuple[Clip, Course]:
@@ -66,7 +70,15 @@ def walk_along(system: System, file: Path, wishes: Wishes) -> tuple[Clip, Course
     marks = path.marks.tolist()
     wanted = {mark: time for mark, time in zip(marks, times, strict=False) if not math.isnan(time)}
     course = arriving(course, system.gait, wanted, style=style)
-    walk = Walk(system.forecaster, course, system.gait, offsets, system.fps, style=style)
+    walk = Walk(
+        system.forecaster,
+        course,
+        system.gait,
+        offsets,
+        system.fps,
+        style=style,
+        stepper=Stepper(system.forecaster, cast("Any", wishes.mode)),
+    )
     return walked_clip(walk, wishes.seconds, name=file.stem), course
 
 

@@ -12,10 +12,11 @@ from jaxtyping import Float
 from torch import Tensor
 
 from posecast.errors import ConfigError
+from posecast.generation import relay
 from posecast.generation.course import Course
 from posecast.generation.gait_table import GaitTable
 from posecast.geometry import quaternion
-from posecast.model import Forecaster, Session, Steppable
+from posecast.model import Forecaster, Steppable
 from posecast.motion import Clip, Motion
 from posecast.motion.tracks import (
     FACING,
@@ -67,6 +68,11 @@ class Walk:
         lead: seconds to walk on beyond the end of an open course.
         stepper: what steps in the network's place, such as ``posecast.export.Stepper``; ``None``:
             it steps itself.
+        renew: seconds after which the network begins anew, at the next step, with what it
+            remembers (see ``relay``); ``None``: it never does.
+
+    Raises:
+        ConfigError: a network that follows no path, a style it has not, or a time that is none.
     """
 
     forecaster: Forecaster
@@ -77,6 +83,7 @@ class Walk:
     style: int = 0
     lead: float = 0.0
     stepper: Steppable | None = None
+    renew: float | None = relay.RENEW
     frame: int = field(default=0, init=False)
 
     def __post_init__(self) -> None:
@@ -89,11 +96,17 @@ class Walk:
         styles = max(1, len(codec.controls.styles))
         if not 0 <= self.style < styles:
             raise ConfigError(f"style {self.style}: this walker has {styles}, counted from 0")
+        if self.renew is not None and not self.renew >= relay.WARM + relay.FADE:
+            raise ConfigError(
+                f"renew is {self.renew} s; expected {relay.WARM + relay.FADE:g} s or more, or None"
+            )
         self._phase = torch.zeros(1, dtype=torch.float64)
-        self._ahead = round(RUN_UP * self.fps)
-        self._session = Session.start(self.stepper or self.forecaster, self._first())
+        self._network: Steppable = self.stepper or self.forecaster
+        ahead = round(RUN_UP * self.fps)
         with torch.inference_mode():
-            for early in range(-self._ahead, 0):
+            self._start = self._first()
+            self._memories = [relay.begin(self._network, self._start, self._tracks(-ahead))]
+            for early in range(-ahead, 0):
                 self._step(self._tracks(early))
 
     def __iter__(self) -> Iterator[Pose]:
@@ -105,7 +118,7 @@ class Walk:
             raise StopIteration
         with torch.inference_mode():
             tracks = self._tracks(self.frame)
-            pose = self._pose(self._session.unread, tracks)
+            pose = self._pose(tracks)
             self._step(tracks)
         self.frame += 1
         return pose
@@ -145,45 +158,40 @@ class Walk:
 
     def _step(self, tracks: dict[str, Tensor]) -> None:
         """Predict the frame after the one of which the course says this."""
-        controls = self.forecaster.codec.controls
-        assert controls is not None
-        self._session.step(controls.encode(tracks)[:, 0].to(self._session.unread))
-        self._phase = torch.remainder(self._phase + tracks[STEP_RATE][0] / self.fps, 2 * math.pi)
+        codec, grown = self.forecaster.codec, tracks[STEP_RATE][0] / self.fps
+        # A phase that has just gone round is that of a right touch-down.
+        if self._is_old() and bool(self._phase < grown):
+            self._memories.append(relay.begin(self._network, self._start, tracks))
+        relay.advance(self._network, codec, self._memories, tracks)
+        if len(self._memories) > 1 and relay.newer_share(self._memories[-1], self.fps) >= 1:
+            del self._memories[0]
+        self._phase = torch.remainder(self._phase + grown, 2 * math.pi)
 
-    def _first(self) -> Float[Tensor, "batch frames features"]:
-        """Features of the frame before the run-up: a step that begins, facing where it is to go."""
-        codec, tracks = self.forecaster.codec, self._tracks(-self._ahead)
-        x, z = tracks[MOVEMENT][0, 0].tolist()
-        weight = next(self.forecaster.parameters())
-        known = self.table.poses[self.style][None, None].double()
-        standing = codec.decode(
-            known, offsets=self.offsets[None].double(), anchor=torch.zeros(1, 3).double()
-        )
-        about = quaternion.about_axis(
-            torch.tensor([0.0, 1.0, 0.0]).double(), torch.tensor(math.atan2(x, z)).double()
-        )
-        rotations = standing.rotations_local.clone()
-        roots = list(codec.skeleton.roots)
-        rotations[:, :, roots] = quaternion.product(
-            about.expand_as(rotations[:, :, roots]), rotations[:, :, roots]
-        )
-        root = codec.split(known).root
-        tracks |= {LONGITUDINAL: root[..., 0]}
-        if codec.root_dim > 2:
-            tracks |= {LATERAL: root[..., 2]}
-        motion = Motion(
-            rotations, standing.root_positions, self.offsets[None].double(), tracks=tracks
-        )
-        return codec.encode(motion).to(weight)
+    def _is_old(self) -> bool:
+        """Whether the only memory there is is to be relieved."""
+        if self.renew is None or len(self._memories) > 1:
+            return False
+        return self._memories[0].age >= (self.renew - relay.WARM - relay.FADE) * self.fps
 
-    def _pose(self, features: Tensor, tracks: dict[str, Tensor]) -> Pose:
-        """The pose that features mean at a place of the course."""
+    def _first(self) -> Float[Tensor, "1 1 features"]:
+        """Features of the pose in which a step begins, facing ahead."""
         codec = self.forecaster.codec
-        found = codec.decode(
-            features[:, -1:].double(),
-            offsets=self.offsets[None].double(),
-            anchor=torch.zeros(1, 3, dtype=torch.float64),
-            tracks=tracks,
+        known = self.table.poses[self.style][None, None].double()
+        body = self.offsets[None].double()
+        standing = codec.decode(known, offsets=body, anchor=torch.zeros(1, 3).double())
+        root = codec.split(known).root
+        tracks = {LONGITUDINAL: root[..., 0]}
+        if codec.root_dim > 2:
+            tracks[LATERAL] = root[..., 2]
+        found = codec.encode(
+            Motion(standing.rotations_local, standing.root_positions, body, tracks=tracks)
+        )
+        return found.to(next(self.forecaster.parameters()))
+
+    def _pose(self, tracks: dict[str, Tensor]) -> Pose:
+        """The pose that is expected at a place of the course."""
+        found = relay.expected(
+            self.forecaster.codec, self._memories, tracks, offsets=self.offsets, fps=self.fps
         )
         return Pose(
             found.rotations_local[0, 0],

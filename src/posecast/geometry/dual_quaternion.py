@@ -118,7 +118,7 @@ def normalize(dual: Float[Tensor, "*batch 8"], eps: float = 1e-12) -> Float[Tens
     vanishing = length < max(eps, torch.finfo(dual.dtype).tiny)
     length = torch.where(vanishing, torch.ones_like(length), length)
     unit = real / length
-    unit = torch.where(vanishing, quaternion.identity(*unit.shape[:-1], like=unit), unit)
+    unit = torch.where(vanishing, quaternion.identity(like=unit), unit)
     divided = other / length
     return torch.cat([unit, divided - unit * (unit * divided).sum(-1, keepdim=True)], dim=-1)
 

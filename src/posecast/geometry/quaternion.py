@@ -52,7 +52,7 @@ def between(
     halfway = torch.where(opposite, perpendicular, total / length)
     turn = normalize(torch.cat([w, torch.linalg.cross(a, halfway)], dim=-1))
     undefined = (a == 0).all(-1, keepdim=True) | (b == 0).all(-1, keepdim=True)
-    return torch.where(undefined, identity(*turn.shape[:-1], like=turn), turn)
+    return torch.where(undefined, identity(like=turn), turn)
 
 
 def product(
@@ -96,7 +96,7 @@ def normalize(
     vanishing = squared < eps * eps
     safe = torch.where(vanishing, torch.ones_like(squared), squared)
     unit = quaternion * torch.rsqrt(safe)
-    return torch.where(vanishing, identity(*unit.shape[:-1], like=unit), unit)
+    return torch.where(vanishing, identity(like=unit), unit)
 
 
 def rotate(
