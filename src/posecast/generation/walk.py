@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import torch
 from jaxtyping import Float
@@ -29,6 +29,7 @@ from posecast.motion.tracks import (
     STEP_RATE,
     STYLE,
 )
+from posecast.skeleton import Skeleton
 
 RUN_UP = 1.0
 """Seconds walked before the start of a course, so that it begins in mid-stride."""
@@ -49,6 +50,35 @@ class Pose(NamedTuple):
     root_position: Float[Tensor, "3"]
     time: float
     tracks: dict[str, Tensor]
+
+
+@runtime_checkable
+class Walker(Protocol):
+    """Somebody under way along a course, whatever makes the poses."""
+
+    @property
+    def course(self) -> Course:
+        """Where and how fast."""
+        ...
+
+    @property
+    def skeleton(self) -> Skeleton:
+        """Of the poses."""
+        ...
+
+    @property
+    def offsets(self) -> Float[Tensor, "joints 3"]:
+        """The body, metres."""
+        ...
+
+    @property
+    def fps(self) -> float:
+        """Poses a second."""
+        ...
+
+    def __iter__(self) -> Iterator[Pose]:
+        """The poses from now on."""
+        ...
 
 
 @dataclass
@@ -108,6 +138,11 @@ class Walk:
             self._memories = [relay.begin(self._network, self._start, self._tracks(-ahead))]
             for early in range(-ahead, 0):
                 self._step(self._tracks(early))
+
+    @property
+    def skeleton(self) -> Skeleton:
+        """Of the codec."""
+        return self.forecaster.codec.skeleton
 
     def __iter__(self) -> Iterator[Pose]:
         return self
@@ -205,7 +240,7 @@ class Walk:
         )
 
 
-def walked_clip(walk: Walk, seconds: float | None = None, *, name: str = "walk") -> Clip:
+def walked_clip(walk: Walker, seconds: float | None = None, *, name: str = "walk") -> Clip:
     """A walk as a clip, to the end of its course or for some seconds.
 
     Raises:
@@ -221,7 +256,7 @@ def walked_clip(walk: Walk, seconds: float | None = None, *, name: str = "walk")
     if not poses:
         raise ConfigError("nothing was walked: the course has ended already")
     return Clip(
-        skeleton=walk.forecaster.codec.skeleton,
+        skeleton=walk.skeleton,
         offsets=walk.offsets.double(),
         fps=walk.fps,
         root_positions=torch.stack([pose.root_position for pose in poses]),
