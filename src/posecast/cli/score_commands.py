@@ -51,10 +51,16 @@ def evaluate(
         typer.Option(
             "--protocol",
             help="h36m-standard, h36m-128, h36m-long, amass-spl, cmu-acrnn, cross-skeleton or "
-            "short-term; as the system's recipe says by default.",
+            "short-term; locomotion for walks along paths; as the system's recipe says by default.",
         ),
     ] = None,
-    split: Annotated[str, typer.Option("--split", help="Which clips are scored.")] = "test",
+    split: Annotated[
+        str | None,
+        typer.Option(
+            "--split",
+            help="Which clips are scored: test by default, validation beside walks along paths.",
+        ),
+    ] = None,
     as_json: JsonOption = False,
     markdown: Annotated[
         Path | None, typer.Option("--markdown", help="Write the table there, too.")
@@ -63,12 +69,21 @@ def evaluate(
 ) -> None:
     """Score systems under a protocol, beside zero velocity and running averages."""
     from posecast.cli.scoring import score_systems
+    from posecast.cli.walk_scoring import score_walkers
+    from posecast.evaluation import Report
+    from posecast.evaluation.walk_report import WALKS, WalkReport
     from posecast.io.atomic import check_target
 
     for path in (markdown, csv):
         if path is not None:
             check_target(path)
-    report = score_systems(systems, corpus=corpus, root=root, protocol=protocol, split=split)
+    report: Report | WalkReport
+    if protocol == WALKS:
+        report = score_walkers(systems, corpus=corpus, root=root, split=split or "validation")
+    else:
+        report = score_systems(
+            systems, corpus=corpus, root=root, protocol=protocol, split=split or "test"
+        )
     try:
         typer.echo(report.to_json() if as_json else report.to_markdown())
     finally:  # whoever read standard output may be gone; the files were asked for all the same

@@ -45,8 +45,7 @@ def score_systems(
             a baseline nor a folder, or an option of something else.
         SkeletonError: the corpus has other joints than the system.
     """
-    options = _options(names)
-    names = [name for name in names if not _is_option(name)]
+    names, options = options_of(names)
     if len(names) == 1 and names[0] in BASELINE_NAMES:
         if options["model"]:
             raise ConfigError(f"model.feedback: {names[0]} reads no predictions; leave it out")
@@ -75,16 +74,9 @@ def score_systems(
             + "; evaluate one recipe at a time"
         )
     first = systems[0]
-    seeds: dict[int, str] = {}
     for name, system in zip(names, systems, strict=True):
         _check_same(names[0], first, name, system)
-        seed = system.recipe.plan.seed
-        if seed in seeds:
-            raise ConfigError(
-                f"{seeds[seed]} and {name} are of one run, or of two with one seed ({seed}), which "
-                "has no spread; name one of them"
-            )
-        seeds[seed] = name
+    check_seeds(names, systems)
     data = corpus_of(first, corpus, root, options["corpus"])
     check_skeleton(first, data)
     return evaluate_predictors(
@@ -96,9 +88,22 @@ def score_systems(
     )
 
 
+def check_seeds(names: Sequence[str], systems: Sequence[System]) -> None:
+    """Refuse to take one run for two."""
+    seeds: dict[int, str] = {}
+    for name, system in zip(names, systems, strict=True):
+        seed = system.recipe.plan.seed
+        if seed in seeds:
+            raise ConfigError(
+                f"{seeds[seed]} and {name} are of one run, or of two with one seed ({seed}), which "
+                "has no spread; name one of them"
+            )
+        seeds[seed] = name
+
+
 def _check_same(first_name: str, first: System, name: str, system: System) -> None:
     """Refuse to average over runs that differ in more than their seed."""
-    one, other = (_decisive(each) for each in (first, system))
+    one, other = (decisive(each) for each in (first, system))
     differing = sorted(key for key in {*one, *other} if one.get(key) != other.get(key))
     if differing:
         key = differing[0]
@@ -108,7 +113,7 @@ def _check_same(first_name: str, first: System, name: str, system: System) -> No
         )
 
 
-def _decisive(system: System) -> dict[str, object]:
+def decisive(system: System) -> dict[str, object]:
     """What makes a system what it is, without its seed and how often it was looked at."""
     training = system.recipe.config["training"]
     looking = ("seed", "validate_every", "save_every", "select_best_by")
@@ -178,8 +183,8 @@ def _is_option(argument: str) -> bool:
     return "=" in argument and not Path(argument).exists()
 
 
-def _options(arguments: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """What is given of corpus, protocol and model."""
+def options_of(arguments: Sequence[str]) -> tuple[list[str], dict[str, dict[str, Any]]]:
+    """Names of systems, and what is given besides of corpus, protocol and model."""
     given = parse_overrides(argument for argument in arguments if _is_option(argument))
     for section, options in given.items():
         known = section in ("corpus", "protocol", "model") and isinstance(options, Mapping)
@@ -190,7 +195,9 @@ def _options(arguments: Sequence[str]) -> dict[str, dict[str, Any]]:
             )
         if "kind" in options:
             raise ConfigError(f"{section}.kind: give it as --{section}")
-    return {section: dict(given.get(section, {})) for section in ("corpus", "protocol", "model")}
+    names = [argument for argument in arguments if not _is_option(argument)]
+    sections = ("corpus", "protocol", "model")
+    return names, {section: dict(given.get(section, {})) for section in sections}
 
 
 def _reading(system: System, options: Mapping[str, Any]) -> System:

@@ -13,7 +13,7 @@ import torch
 from posecast.config import did_you_mean
 from posecast.errors import ConfigError
 from posecast.export import Stepper
-from posecast.generation import Course, Walk, arriving, pace_by_hand, walked_clip
+from posecast.generation import Course, GaitTable, Walk, arriving, pace_by_hand, walked_clip
 from posecast.io.path_files import read_waypoints
 from posecast.motion import Clip, find_feet, leg_length, path_scale
 from posecast.system import System
@@ -50,30 +50,26 @@ def walk_along(system: System, file: Path, wishes: Wishes) -> tuple[Clip, Course
         ConfigError: a checkpoint that does not walk, or a wish it cannot grant.
         DataError: a file that holds no path, or times that nobody keeps.
     """
-    if system.gait is None:
-        raise ConfigError(
-            f"{system.recipe.name} does not walk along paths; take a checkpoint of a locomotion "
-            "recipe (posecast recipes lists them)"
-        )
-    style = _style(system, wishes.style)
+    gait = gait_of(system)
+    style = style_number(system, wishes.style)
     offsets = torch.tensor(system.offsets, dtype=torch.float64)
     leg = leg_length(system.skeleton, offsets, find_feet(system.skeleton, offsets))
     scale = path_scale(leg)
     waypoints = read_waypoints(file)
     path = waypoints.path(spacing=scale.spacing, smoothing=scale.smoothing, name=file)
     facing = None if wishes.facing is None else math.radians(wishes.facing)
-    course = pace_by_hand(path, system.gait, speed=wishes.speed, style=style, facing=facing)
+    course = pace_by_hand(path, gait, speed=wishes.speed, style=style, facing=facing)
     times = [math.nan] * len(path.marks) if waypoints.times is None else waypoints.times.tolist()
     for wish in wishes.arrive:
         place, seconds = _arrival(wish, len(times))
         times[place] = seconds
     marks = path.marks.tolist()
     wanted = {mark: time for mark, time in zip(marks, times, strict=False) if not math.isnan(time)}
-    course = arriving(course, system.gait, wanted, style=style)
+    course = arriving(course, gait, wanted, style=style)
     walk = Walk(
         system.forecaster,
         course,
-        system.gait,
+        gait,
         offsets,
         system.fps,
         style=style,
@@ -82,16 +78,37 @@ def walk_along(system: System, file: Path, wishes: Wishes) -> tuple[Clip, Course
     return walked_clip(walk, wishes.seconds, name=file.stem), course
 
 
-def _style(system: System, name: str | None) -> int:
-    """The number of a style by its name."""
+def gait_of(system: System) -> GaitTable:
+    """How a system walks.
+
+    Raises:
+        ConfigError: it does not.
+    """
+    if system.gait is None:
+        raise ConfigError(
+            f"{system.recipe.name} does not walk along paths; take a checkpoint of a locomotion "
+            "recipe (posecast recipes lists them)"
+        )
+    return system.gait
+
+
+def style_number(system: System, name: str | None, *, option: str = "--style") -> int:
+    """The number of a style by its name; ``None`` is the first.
+
+    Args:
+        option: what errors call the place where the name was given.
+
+    Raises:
+        ConfigError: the walker has no such style.
+    """
     controls = system.forecaster.codec.controls
     styles = () if controls is None else controls.styles
     if name is None:
         return 0
     if not styles:
-        raise ConfigError(f"--style {name}: this walker has no styles; leave it out")
+        raise ConfigError(f"{option} {name}: this walker has no styles; leave it out")
     if name not in styles:
-        raise ConfigError(f"--style {name}: unknown; {did_you_mean(name, styles)}")
+        raise ConfigError(f"{option} {name}: unknown; {did_you_mean(name, styles)}")
     return styles.index(name)
 
 
