@@ -4,14 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import pytest
 import torch
 
+from posecast.corpora.gait.body import CAST
+from posecast.corpora.gait.body import SKELETON as BODY
+from posecast.generation import Course, GaitTable, timed
 from posecast.geometry import quaternion
-from posecast.motion import Clip
+from posecast.motion import Clip, Path, find_feet
 from posecast.motion.corpus import Corpus
+from posecast.motion.tracks import turned_on_floor
 from posecast.skeleton import Skeleton
+from posecast.skeleton.kinematics import joint_positions
 
 SKELETON = Skeleton(("Hips", "Spine", "LeftLeg", "RightLeg", "Head"), (-1, 0, 0, 0, 1))
 OFFSETS = torch.tensor(
@@ -59,3 +65,85 @@ def make_h36m() -> Callable[[Sequence[str]], Corpus]:
         return Corpus("toy", clips, {"train": (), "test": tuple(range(len(clips)))})
 
     return make
+
+
+class Statue(NamedTuple):
+    """How a stiff body glides towards +z, without moving a joint; see ``make_statue``."""
+
+    frames: int = 301
+    fps: float = 30.0
+    speed: float = 1.0
+    ahead: float = 0.0
+    beside: float = 0.0
+    height: float = 0.0
+    turned: float = 0.0
+    pitched: float = 0.0
+
+
+@pytest.fixture
+def make_statue() -> Callable[..., Clip]:
+    """``make_statue(**fields of Statue)``: a body on two feet, its toes at ``height``, which
+    ``turned`` to the left and ``pitched`` forwards (degrees) glides from (``beside``, ``ahead``).
+    """
+    body = next(iter(CAST))
+
+    def make(**wishes: float) -> Clip:
+        statue = Statue(**wishes)
+        joints = len(BODY)
+        time = torch.arange(statue.frames, dtype=torch.float64) / statue.fps
+        rotations = quaternion.identity(joints, like=body.offsets.double())
+        up, left = torch.eye(3, dtype=torch.float64)[[1, 0]]
+        turned, pitched = (
+            torch.deg2rad(torch.tensor(angle).double()) for angle in (statue.turned, statue.pitched)
+        )
+        rotations[0] = quaternion.product(
+            quaternion.about_axis(up, turned), quaternion.about_axis(left, pitched)
+        )
+        rest = joint_positions(BODY, rotations, body.offsets.double())
+        toes = list(find_feet(BODY, body.offsets).toes)
+        root = torch.stack(
+            [
+                torch.full_like(time, statue.beside),
+                torch.full_like(time, statue.height - float(rest[toes, 1].mean())),
+                statue.ahead + statue.speed * time,
+            ],
+            dim=-1,
+        )
+        return Clip(
+            BODY, body.offsets.double(), statue.fps, root, rotations.repeat(statue.frames, 1, 1)
+        )
+
+    return make
+
+
+@pytest.fixture
+def make_course() -> Callable[..., Course]:
+    """``make_course(path, speed=1.0, facing=0.0)``: even speed, facing so many degrees to the left
+    of the path."""
+
+    def make(path: Path, *, speed: float = 1.0, facing: float = 0.0) -> Course:
+        ahead = turned_on_floor(path.tangents, math.radians(facing))
+        path = path.with_scalar("speed", speed).with_scalar("step_rate", 6.0)
+        return timed(path.with_direction("facing", ahead))
+
+    return make
+
+
+@pytest.fixture
+def straight() -> Path:
+    """Ten metres towards +z, a way point every two."""
+    points = torch.stack([torch.zeros(6), 2 * torch.arange(6.0)], dim=-1)
+    return Path.through(points.double())
+
+
+@pytest.fixture
+def walk_table() -> GaitTable:
+    """Walks from 0.5 to 2.5 m/s."""
+    speeds = torch.linspace(0.5, 2.5, 9).double()[None]
+    return GaitTable(
+        speeds=speeds,
+        step_rates=4 + 2 * speeds,
+        sideways=torch.tensor([2.0]).double(),
+        gathering=torch.tensor([1.0]).double(),
+        poses=torch.zeros(1, 1).double(),
+    )

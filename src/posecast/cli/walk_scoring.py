@@ -12,13 +12,14 @@ import torch
 from posecast.cli.scoring import check_seeds, check_skeleton, corpus_of, decisive, options_of
 from posecast.cli.terminal import progress_bar
 from posecast.cli.walking import gait_of, style_number
-from posecast.config import check_call
+from posecast.config import check_call, did_you_mean
 from posecast.errors import ConfigError
+from posecast.evaluation import BASELINE_NAMES
 from posecast.evaluation.steadiness import steadiness
 from posecast.evaluation.walk_report import WalkReport, WalkRow, score_walker
 from posecast.evaluation.walks import Reference, reference_of, score_walk
 from posecast.generation import Course, Walk, pace_by_hand, walked_clip
-from posecast.generation.courses import eight_courses, round_eight, walking_speed
+from posecast.generation.courses import eight_courses, eight_paths, round_eight, walking_speed
 from posecast.motion import Clip, analyse_gait, find_feet, leg_length
 from posecast.motion.corpus import Corpus
 from posecast.system import System, load
@@ -41,13 +42,20 @@ class Asked:
         style: name of a style that the walker has; ``None``: its first.
         speed: m/s on straight stretches; ``None``: 1.1 for an adult.
         minutes: of a long walk round a figure eight; 0: none.
+        paths: names of the paths to walk; ``None``: all eight.
     """
 
     style: str | None = None
     speed: float | None = None
     minutes: float = 0.0
+    paths: list[str] | None = None
 
     def __post_init__(self) -> None:
+        for name in self.paths or ():
+            if name not in (known := eight_paths()):
+                raise ConfigError(f"protocol.paths: {name!r}; {did_you_mean(name, known)}")
+        if self.paths == []:
+            raise ConfigError("protocol.paths: no path; leave it out for all eight")
         if not 0 <= self.minutes < math.inf:
             raise ConfigError(f"protocol.minutes is {self.minutes}; expected 0 or more")
 
@@ -107,6 +115,8 @@ def _grouped(names: Sequence[str]) -> dict[str, list[System]]:
     """Walkers by what tables call them: runs that differ in their seed alone are one."""
     groups: list[list[tuple[str, System]]] = []
     for name in names:
+        if name in BASELINE_NAMES:
+            raise ConfigError(f"{name} does not walk along paths; name checkpoint folders alone")
         system = load(name)
         gait_of(system)
         same = [group for group in groups if decisive(group[0][1]) == decisive(system)]
@@ -143,7 +153,8 @@ def _report(
         for name, runs in groups.items():
             rows.append(_row(name, runs, asked, reference))
             advance(sum(len(row.runs) for row in rows), total)
-    notes = [f"Eight paths at {speed:.3g} m/s" + (f", style {style}." if style else ".")]
+    paths = "Eight paths" if asked.paths is None else ", ".join(asked.paths)
+    notes = [f"{paths} at {speed:.3g} m/s" + (f", style {style}." if style else ".")]
     if data is not None:
         notes.append(
             f"Real clips: {split} clips that walk at a like speed, along paths of their own; "
@@ -164,6 +175,7 @@ def _row(name: str, runs: Sequence[System], asked: Asked, reference: Reference |
     for system in runs:
         style = _style(system, asked)
         courses = eight_courses(gait_of(system), _leg(system), speed=asked.speed, style=style)
+        courses = {name: courses[name] for name in asked.paths or courses}
         scores.append(score_walker(network_walker(system, style), courses, reference=reference))
     long = None
     if asked.minutes:

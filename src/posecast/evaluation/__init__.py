@@ -14,6 +14,9 @@ from posecast.evaluation.protocols import PROTOCOLS, build_protocol
 from posecast.evaluation.published import Published, find_published, published_tables
 from posecast.evaluation.report import Report, baseline_scores, evaluate
 from posecast.evaluation.scores import AVERAGE, Row, Scores
+from posecast.evaluation.steadiness import Steadiness, steadiness
+from posecast.evaluation.walk_report import WalkReport, WalkRow, score_walker
+from posecast.evaluation.walks import WalkScores, reference_of, score_walk
 
 __all__ = [
     "AVERAGE",
@@ -33,6 +36,10 @@ __all__ = [
     "Row",
     "Scene",
     "Scores",
+    "Steadiness",
+    "WalkReport",
+    "WalkRow",
+    "WalkScores",
     "baseline_scores",
     "bootstrap",
     "build_protocol",
@@ -43,4 +50,8 @@ __all__ = [
     "make_baseline",
     "npss",
     "published_tables",
+    "reference_of",
+    "score_walk",
+    "score_walker",
+    "steadiness",
 ]

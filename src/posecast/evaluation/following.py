@@ -70,8 +70,10 @@ def arrival_errors(
     """Seconds late, negative: early, at each way point to be passed while the walk lasts.
 
     When the root passes is when it is nearest, from frame to frame on a straight line, within
-    ``SLACK`` of the planned time; who is later still counts as so late. A way point where the
-    course starts is not counted: nobody has to get there.
+    ``SLACK`` of the planned time; who is later still counts as so late. A way point whose passing
+    might lie before the first frame or after the last one is not counted, so that a walk should go
+    on for ``SLACK`` beyond the end of its course; nor is one where the course starts: nobody has to
+    get there.
 
     Args:
         root: (x, z), metres.
@@ -84,7 +86,8 @@ def arrival_errors(
         laps = torch.arange(math.ceil(last / course.duration) + 1, dtype=torch.float64)
         planned = (laps[:, None] * course.duration + planned).flatten()
         marks = marks.repeat(len(laps))
-    asked = (planned > max(start, 1e-9)) & (planned <= last)
+    least = start + SLACK if start > 0 else 1e-9
+    asked = (planned >= least) & (planned <= last - SLACK + 1 / fps)
     if len(root) < 2 or not asked.any():
         return root.new_zeros(0)
     places = course.path.at(marks[asked]).position

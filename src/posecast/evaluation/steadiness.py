@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+import torch
+
 from posecast.errors import ConfigError
 from posecast.evaluation.following import Followed
 from posecast.evaluation.footing import NEAR
@@ -28,6 +30,9 @@ class Steadiness(NamedTuple):
 
 FROZEN = 0.1
 """Share of the mean speed of the first span's joints below which a second counts as frozen."""
+
+_STILL = 1e-3
+"""Leg lengths a second, at which nothing moves, however it began."""
 
 
 def steadiness(
@@ -68,10 +73,10 @@ def steadiness(
 
 def _frozen(clip: Clip, first: int) -> float:
     """Share of seconds frozen, against the mean speed of the first frames."""
-    moved = Walked.of(clip).features.reshape(clip.frames, -1, 3).diff(dim=0)
+    moved = Walked.of(clip).features.reshape(clip.frames, -1, 3).diff(dim=0) * clip.fps
     speed = moved.norm(dim=-1).mean(-1)
-    second = round(clip.fps)
-    seconds = speed[: len(speed) // second * second].reshape(-1, second).mean(-1)
-    if not len(seconds):
+    if not len(speed):
         return math.nan
-    return float((seconds <= FROZEN * speed[:first].mean()).double().mean())
+    seconds = torch.stack([piece.mean() for piece in speed.split(max(1, round(clip.fps)))])
+    least = max(FROZEN * float(speed[:first].mean()), _STILL)
+    return float((seconds <= least).double().mean())

@@ -2,6 +2,7 @@
 
 from posecast.generation.annotate import arriving, pace_by_hand
 from posecast.generation.course import Course, timed
+from posecast.generation.courses import eight_courses, eight_paths
 from posecast.generation.gait_table import GaitTable, measure_gait
 from posecast.generation.match_features import Weights
 from posecast.generation.matched_walk import MatchedWalk
@@ -18,6 +19,8 @@ __all__ = [
     "Walker",
     "Weights",
     "arriving",
+    "eight_courses",
+    "eight_paths",
     "measure_gait",
     "pace_by_hand",
     "timed",
