@@ -32,6 +32,7 @@ VERBS = (
     "reproduce",
     "endure",
     "export",
+    "models",
     "forecast",
     "convert",
     "inspect",

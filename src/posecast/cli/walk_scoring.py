@@ -18,10 +18,19 @@ from posecast.evaluation import BASELINE_NAMES
 from posecast.evaluation.steadiness import steadiness
 from posecast.evaluation.walk_report import WalkReport, WalkRow, score_walker
 from posecast.evaluation.walks import Reference, reference_of, score_walk
-from posecast.generation import Course, Walk, pace_by_hand, walked_clip
+from posecast.generation import (
+    Course,
+    MatchedWalk,
+    MotionMatcher,
+    Walk,
+    pace_by_hand,
+    walked_clip,
+)
 from posecast.generation.courses import eight_courses, eight_paths, round_eight, walking_speed
 from posecast.motion import Clip, analyse_gait, find_feet, leg_length
 from posecast.motion.corpus import Corpus
+from posecast.motion.gait import with_gait
+from posecast.motion.tracks import PHASE
 from posecast.system import System, load
 
 Walker = Callable[[Course, float], Clip]
@@ -43,12 +52,14 @@ class Asked:
         speed: m/s on straight stretches; ``None``: 1.1 for an adult.
         minutes: of a long walk round a figure eight; 0: none.
         paths: names of the paths to walk; ``None``: all eight.
+        matching: whether a walker that matches motion in the training clips has a row, too.
     """
 
     style: str | None = None
     speed: float | None = None
     minutes: float = 0.0
     paths: list[str] | None = None
+    matching: bool = False
 
     def __post_init__(self) -> None:
         for name in self.paths or ():
@@ -68,6 +79,18 @@ def network_walker(system: System, style: int) -> Walker:
         lead = max(0.0, seconds - course.duration)
         way = Walk(system.forecaster, course, gait, offsets, system.fps, style=style, lead=lead)
         return walked_clip(way, seconds)
+
+    return walk
+
+
+def matching_walker(data: Corpus, style: str | None) -> Walker:
+    """Motion matching on the training clips of a corpus as a walker."""
+    clips = [clip if PHASE in clip.tracks else with_gait(clip) for clip in data.split("train")]
+    matcher = MotionMatcher(clips, style=style)
+
+    def walk(course: Course, seconds: float) -> Clip:
+        lead = max(0.0, seconds - course.duration)
+        return walked_clip(MatchedWalk(matcher, course, lead=lead), seconds)
 
     return walk
 
@@ -106,7 +129,7 @@ def score_walkers(
     if corpus is not None or root is not None:
         data = corpus_of(first, corpus, root, options["corpus"])
         check_skeleton(first, data)
-    elif options["corpus"]:
+    elif options["corpus"] or asked.matching:
         raise ConfigError("corpus: name one with --corpus, or its folder with --root")
     return _report(groups, asked, data, split)
 
@@ -153,6 +176,9 @@ def _report(
         for name, runs in groups.items():
             rows.append(_row(name, runs, asked, reference))
             advance(sum(len(row.runs) for row in rows), total)
+    if data is not None and asked.matching:
+        walker = matching_walker(data, style)
+        rows.append(_row_of("motion matching", [(first, walker)], asked, reference))
     paths = "Eight paths" if asked.paths is None else ", ".join(asked.paths)
     notes = [f"{paths} at {speed:.3g} m/s" + (f", style {style}." if style else ".")]
     if data is not None:
@@ -171,19 +197,30 @@ def _report(
 
 def _row(name: str, runs: Sequence[System], asked: Asked, reference: Reference | None) -> WalkRow:
     """Scores of all runs of a system, and of a long walk of the first."""
+    walkers = [(system, network_walker(system, _style(system, asked))) for system in runs]
+    return _row_of(name, walkers, asked, reference)
+
+
+def _row_of(
+    name: str,
+    walkers: Sequence[tuple[System, Walker]],
+    asked: Asked,
+    reference: Reference | None,
+) -> WalkRow:
+    """Scores of walkers, each on the courses that a system's gait asks for."""
     scores = []
-    for system in runs:
+    for system, walker in walkers:
         style = _style(system, asked)
         courses = eight_courses(gait_of(system), _leg(system), speed=asked.speed, style=style)
-        courses = {name: courses[name] for name in asked.paths or courses}
-        scores.append(score_walker(network_walker(system, style), courses, reference=reference))
+        courses = {path: courses[path] for path in asked.paths or courses}
+        scores.append(score_walker(walker, courses, reference=reference))
     long = None
     if asked.minutes:
-        system = runs[0]
+        system, walker = walkers[0]
         style, leg = _style(system, asked), _leg(system)
         speed = walking_speed(leg) if asked.speed is None else asked.speed
         course = pace_by_hand(round_eight(leg), gait_of(system), speed=speed, style=style)
-        clip = network_walker(system, style)(course, 60 * asked.minutes)
+        clip = walker(course, 60 * asked.minutes)
         long = steadiness(clip, course, reference=reference)
     return WalkRow(name, tuple(scores), long)
 
