@@ -16,7 +16,6 @@ from torch import Tensor
 
 from posecast.geometry import quaternion
 from posecast.geometry.euler import quaternion_to_euler
-from posecast.motion.feet import find_feet
 from posecast.representation.base import Content
 from posecast.skeleton import Skeleton
 from posecast.skeleton.kinematics import joint_positions, local_to_root
@@ -207,29 +206,6 @@ def _velocity(comparison: Comparison) -> Float[Tensor, ""]:
     return mean_distance(*steps)
 
 
-def _foot_velocity(comparison: Comparison) -> Float[Tensor, ""]:
-    """The same of ankles and toes alone: a foot that stands moves as fast as the root does, the
-    other way, and what is wrong with that slides; metres.
-    """
-    feet = _feet(comparison.codec.written, comparison.offsets)
-    steps = [
-        torch.diff(positions[:, :, feet], dim=1, prepend=comparison.last_positions[:, :, feet])
-        for positions in (comparison.predicted_positions, comparison.target_positions)
-    ]
-    return mean_distance(*steps)
-
-
-_FEET: dict[Skeleton, list[int]] = {}
-
-
-def _feet(skeleton: Skeleton, offsets: Tensor) -> list[int]:
-    """Ankles and toes, looked for once."""
-    if skeleton not in _FEET:
-        feet = find_feet(skeleton, offsets[0].detach().cpu())
-        _FEET[skeleton] = sorted({*feet.ankles, *feet.toes})
-    return _FEET[skeleton]
-
-
 def _root(comparison: Comparison) -> Float[Tensor, ""]:
     split = comparison.codec.split
     return root_l1(split(comparison.predicted).root, split(comparison.target).root)
@@ -285,7 +261,6 @@ LOSSES: dict[str, Term] = {
     "offset": Term(_offset, _TRANSLATIONS),
     "bone_length": Term(_bone_length, _TRANSLATIONS),
     "velocity": Term(_velocity),
-    "foot_velocity": Term(_foot_velocity),
     "root": Term(_root),
     "displacement": Term(_displacement),
     "action": Term(_action),
