@@ -22,6 +22,7 @@ from tests.io.glb_reference import Glb
 from posecast.cli.main import app, main
 from posecast.corpora.synthetic import make_clip
 from posecast.io import read_clip, write_clip
+from posecast.motion import drop_joints
 
 VERBS = (
     "demo",
@@ -137,6 +138,24 @@ def test_a_folder_is_converted_whole_without_its_licence(
     refused = posecast("convert", walk.parent, tmp_path / "out")
     assert refused.code == 2
     assert "--to bvh, --to glb or --to npz" in refused.err
+
+
+def test_convert_may_pin_feet(posecast: Callable[..., Outcome], walk: Path, tmp_path: Path) -> None:
+    clip = read_clip(walk)
+    scale = clip.root_positions.new_tensor((1.05, 1.0, 1.05))
+    sliding, pinned = tmp_path / "sliding.npz", tmp_path / "pinned.bvh"
+    write_clip(replace(clip, root_positions=clip.root_positions * scale), sliding)
+    outcome = posecast("convert", sliding, pinned, "--pin-feet")
+    assert outcome.code == 0
+    assert f"{sliding}: feet pinned in " in outcome.err
+    again = posecast("convert", pinned, tmp_path / "again.bvh", "--pin-feet")
+    assert "feet pinned in 0 of " in again.err
+    stiff = tmp_path / "stiff.npz"
+    write_clip(drop_joints(clip, ["LeftLeg", "RightLeg"]), stiff)
+    refused = posecast("convert", stiff, tmp_path / "out.bvh", "--pin-feet")
+    assert refused.code == 2
+    assert f"{stiff}: clip " in refused.err
+    assert "has no thigh or no shin" in refused.err
 
 
 def test_a_clip_and_a_folder_become_animated_armatures(

@@ -6,10 +6,12 @@ from pathlib import Path
 
 import pytest
 import torch
+from torch.testing import assert_close
 
 from posecast.cli.main import main
 from posecast.io import read_clip
 from posecast.io.path_files import read_path
+from posecast.motion import pin_feet
 
 EIGHT = Path(__file__).parents[2] / "examples" / "figure_eight.csv"
 
@@ -54,6 +56,21 @@ def test_arrival_times_at_way_points_are_kept(walker: Path, tmp_path: Path) -> N
     expected = path.at(path.marks[[3, 12]]).position
     assert float((there - expected).norm(dim=-1).max()) < 0.1
     assert clip.frames == 901
+
+
+def test_a_walk_may_have_its_feet_pinned(
+    walker: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name, arguments in (("free", []), ("pinned", ["--pin-feet"])):
+        out = tmp_path / f"{name}.npz"
+        assert walk(walker, out, "--seconds", "20", *arguments) == 0
+        said = capsys.readouterr().err
+        assert (" contacts: toes moved by " in said) == bool(arguments)
+    free, pinned = (read_clip(tmp_path / f"{name}.npz") for name in ("free", "pinned"))
+    assert torch.equal(pinned.root_positions, free.root_positions)
+    again, report = pin_feet(free)
+    assert report.text() in said
+    assert_close(again.rotations_local, pinned.rotations_local, atol=1e-5, rtol=0)
 
 
 @pytest.mark.parametrize("name", ["walk.glb", "walk.gif"])

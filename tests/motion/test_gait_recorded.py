@@ -12,7 +12,16 @@ import torch
 from torch import Tensor
 
 from posecast.corpora import build_corpus
-from posecast.motion import Clip, Gait, analyse_gait, find_feet, turn
+from posecast.motion import (
+    Clip,
+    Gait,
+    analyse_gait,
+    find_feet,
+    leg_length,
+    pin_feet,
+    turn,
+)
+from posecast.motion.standing import Stand, find_stands
 from posecast.skeleton import Skeleton
 from posecast.skeleton.kinematics import joint_positions
 
@@ -115,6 +124,45 @@ def test_planted_feet_slide_little(bandai: list[Walked], asf: list[Walked]) -> N
         assert len(slides) > 40
         assert slides.mean() < 2.5
         assert slides.quantile(0.95) < 4.5
+
+
+def test_stands_that_may_slide_are_the_contacts_of_feet_that_do_not(bandai: list[Walked]) -> None:
+    """Precision and recall of the frames against contacts by speed, and of whole contacts."""
+    both = found = true = whole = hit = 0
+    for walk in bandai:
+        stands = _stands(walk)
+        frames = torch.zeros_like(walk.gait.contacts)
+        for stand in stands:
+            hit += bool(walk.gait.contacts[stand.frames, stand.foot].any())
+            frames[stand.frames, stand.foot] = True
+        both += int((frames & walk.gait.contacts).sum())
+        found += int(frames.sum())
+        true += int(walk.gait.contacts.sum())
+        whole += len(stands)
+    assert both / found > 0.985
+    assert both / true > 0.93
+    assert whole > 5000
+    assert hit / whole > 0.999
+
+
+def _stands(walk: Walked) -> list[Stand]:
+    feet = find_feet(walk.clip.skeleton, walk.clip.offsets)
+    leg = leg_length(walk.clip.skeleton, walk.clip.offsets, feet)
+    return find_stands(walk.toes, fps=walk.clip.fps, leg=leg)
+
+
+def test_recorded_feet_are_pinned_with_little_change_and_once(
+    bandai: list[Walked], data_root: Path, tmp_path: Path
+) -> None:
+    """All that is in `cmu-asf` too, playgrounds and jumps among it."""
+    corpus = build_corpus("cmu-asf", root=data_root / "cmu-asf", fps=30, cache=tmp_path)
+    for clip in (*(walk.clip for walk in bandai[::10]), *corpus.clips):
+        pinned, report = pin_feet(clip)
+        assert report.largest_cm < (2.5 if "content" in clip.labels else 10)
+        assert report.largest_deg < (12 if "content" in clip.labels else 30)
+        again, report = pin_feet(pinned)
+        assert report.moved == 0
+        assert torch.equal(again.rotations_local, pinned.rotations_local)
 
 
 def test_the_root_stays_near_its_path(bandai: list[Walked]) -> None:

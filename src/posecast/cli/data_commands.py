@@ -11,6 +11,7 @@ from posecast.cli.reading import Reading, check_rate
 from posecast.cli.terminal import (
     FpsOption,
     JsonOption,
+    PinFeetOption,
     SkeletonOption,
     TemplateOption,
     UnitOption,
@@ -19,7 +20,7 @@ from posecast.cli.terminal import (
     progress_bar,
     say,
 )
-from posecast.errors import ConfigError, DataError, PosecastError
+from posecast.errors import ConfigError, DataError, PosecastError, SkeletonError
 
 if TYPE_CHECKING:
     from posecast.motion import Clip
@@ -53,6 +54,7 @@ def convert(
     resample: Annotated[
         float | None, typer.Option("--resample", help="Frame rate of the output.")
     ] = None,
+    pinned: PinFeetOption = False,
 ) -> None:
     """Convert motion capture: BVH, ASF/AMC, H3.6M text, AMASS or archive to BVH, GLB or archive."""
     reading = Reading(fps, unit=unit, up=up, skeleton=skeleton, template=template)
@@ -62,7 +64,7 @@ def convert(
                 f"--to {to} is for folders; {source} becomes what the name {target} ends with"
             )
         reading.check([source])
-        save_clip(_clip_to_convert(source, reading, resample=resample), target)
+        save_clip(_clip_to_convert(source, reading, resample=resample, pinned=pinned), target)
         return
     if to not in ("bvh", "glb", "npz"):
         raise ConfigError(
@@ -73,7 +75,7 @@ def convert(
     with progress_bar("converting") as advance:
         for done, (written, path) in enumerate(places.items()):
             try:
-                clip = _clip_to_convert(path, reading, resample=resample)
+                clip = _clip_to_convert(path, reading, resample=resample, pinned=pinned)
                 written.parent.mkdir(parents=True, exist_ok=True)
                 save_clip(clip, written)
             except PosecastError:
@@ -210,13 +212,21 @@ def _places(source: Path, target: Path, suffix: str) -> dict[Path, Path]:
     return places
 
 
-def _clip_to_convert(path: Path, reading: Reading, *, resample: float | None) -> Clip:
-    from posecast.motion import transforms
+def _clip_to_convert(path: Path, reading: Reading, *, resample: float | None, pinned: bool) -> Clip:
+    from posecast.motion import pin_feet, transforms
 
-    if resample is None:
-        return reading.clip(path)
-    check_rate("--resample", resample)
-    return transforms.resample(reading.clip(path), resample, phases="first")[0]
+    clip = reading.clip(path)
+    if resample is not None:
+        check_rate("--resample", resample)
+        clip = transforms.resample(clip, resample, phases="first")[0]
+    if not pinned:
+        return clip
+    try:
+        clip, report = pin_feet(clip)
+    except SkeletonError as error:
+        raise SkeletonError(f"{path}: {error}") from None
+    say(f"{path}: {report.text()}")
+    return clip
 
 
 def _print_facts(fact: dict[str, Any]) -> None:

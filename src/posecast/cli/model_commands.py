@@ -13,6 +13,7 @@ from posecast.cli.terminal import (
     FpsOption,
     JsonOption,
     Overrides,
+    PinFeetOption,
     RootOption,
     SkeletonOption,
     TemplateOption,
@@ -241,16 +242,21 @@ def walk(
             "--seconds", min=0.1, max=36_000, help="How long; to the path's end by default."
         ),
     ] = None,
+    pinned: PinFeetOption = False,
 ) -> None:
     """Walk along a drawn path."""
     from posecast.cli.data_commands import save_clip
     from posecast.cli.walking import Wishes, walk_along
     from posecast.io.atomic import check_target
+    from posecast.motion import pin_feet
     from posecast.system import load
 
     check_target(out)
     wishes = Wishes(speed, arrive or (), facing, style, seconds, mode)
     clip, course = walk_along(load(checkpoint), path, wishes)
+    if pinned:
+        clip, report = pin_feet(clip)
+        say(report.text())
     if out.suffix.lower() in (".gif", ".mp4", ".png"):
         from posecast.viewer import draw
 

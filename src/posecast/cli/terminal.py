@@ -54,6 +54,9 @@ TemplateOption = Annotated[
 RootOption = Annotated[
     Path | None, typer.Option("--root", help="Folder in which that corpus lies, unpacked.")
 ]
+PinFeetOption = Annotated[
+    bool, typer.Option("--pin-feet", help="Hold feet that slide in place while they stand.")
+]
 
 
 def print_json(value: Any) -> None:

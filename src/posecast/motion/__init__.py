@@ -6,6 +6,7 @@ from posecast.motion.feet import Feet, find_feet, leg_length
 from posecast.motion.gait import Gait, analyse_gait, integrated_offset, with_gait
 from posecast.motion.path import Path
 from posecast.motion.path_scale import PathScale, path_scale
+from posecast.motion.pinning import Pinned, PinReport, pin_feet
 from posecast.motion.places import Place
 from posecast.motion.proportions import body_parts, reproportion, scale_body
 from posecast.motion.pruning import drop_joints
@@ -22,6 +23,8 @@ __all__ = [
     "Motion",
     "Path",
     "PathScale",
+    "PinReport",
+    "Pinned",
     "Place",
     "Store",
     "WayPoints",
@@ -37,6 +40,7 @@ __all__ = [
     "pack",
     "path_of",
     "path_scale",
+    "pin_feet",
     "reproportion",
     "resample",
     "scale_body",

@@ -58,13 +58,20 @@ def find_contacts(
 
 
 def foot_speeds(feet: Float[Tensor, "frames 2 3"], fps: float | int) -> Float[Tensor, "frames 2"]:
-    """Speed of each foot about each frame, m/s, from the frames one baseline before and after."""
+    """Speed of each foot about each frame, m/s; see ``foot_velocities``."""
+    return foot_velocities(feet, fps).norm(dim=-1)
+
+
+def foot_velocities(
+    feet: Float[Tensor, "frames 2 3"], fps: float | int
+) -> Float[Tensor, "frames 2 3"]:
+    """Velocity of each foot about each frame, m/s: from a baseline before to one after it."""
     last = len(feet) - 1
     reach = max(1, round(_BASELINE * fps))
     frames = torch.arange(last + 1)
     before, after = (frames - reach).clamp(min=0), (frames + reach).clamp(max=last)
-    way = (feet[after] - feet[before]).double().norm(dim=-1)
-    return way * fps / (after - before).clamp(min=1)[:, None]
+    way = (feet[after] - feet[before]).double()
+    return way * fps / (after - before).clamp(min=1)[:, None, None]
 
 
 def _held(
