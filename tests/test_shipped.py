@@ -12,7 +12,8 @@ from safetensors import safe_open
 from posecast.checkpoint import WEIGHTS
 from posecast.cli.main import main
 from posecast.errors import DataError
-from posecast.io import read_bvh
+from posecast.geometry.quaternion import angle
+from posecast.io import read_bvh, read_clip
 from posecast.shipped import checkpoint_folder, shipped_models
 from posecast.system import load
 
@@ -76,6 +77,17 @@ def test_a_shipped_model_walks_by_its_name(tmp_path):
     assert clip.frames == 90
     positions = clip.root_positions[:, 1]
     assert 0.8 < float(positions.min()) < float(positions.max()) < 1.1
+
+
+def test_a_fast_walk_is_nearly_the_exact_one(tmp_path):
+    wishes = ("--path", EIGHT, "--style", "normal", "--seconds", 2)
+    clips = []
+    for mode in ("exact", "fast"):
+        out = tmp_path / f"{mode}.npz"
+        assert run("walk", "locomotion", *wishes, "--mode", mode, "--out", out) == 0
+        clips.append(read_clip(out))
+    apart = angle(*(clip.rotations_local for clip in clips))
+    assert 1e-5 < float(apart.mean()) < 0.1
 
 
 def test_half_precision_is_read_back_as_single(tmp_path):

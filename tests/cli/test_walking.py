@@ -8,6 +8,7 @@ import pytest
 import torch
 from torch.testing import assert_close
 
+from posecast.cli import walking
 from posecast.cli.main import main
 from posecast.io import read_clip
 from posecast.io.path_files import read_path
@@ -56,6 +57,22 @@ def test_arrival_times_at_way_points_are_kept(walker: Path, tmp_path: Path) -> N
     expected = path.at(path.marks[[3, 12]]).position
     assert float((there - expected).norm(dim=-1).max()) < 0.1
     assert clip.frames == 901
+
+
+def test_a_step_made_for_a_long_walk_is_the_network_s_own(
+    walker: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert walk(walker, tmp_path / "own.npz", "--seconds", "4") == 0
+    monkeypatch.setattr(walking, "WORTHWHILE", 0)
+    assert walk(walker, tmp_path / "made.npz", "--seconds", "4") == 0
+    own, made = (read_clip(tmp_path / f"{name}.npz") for name in ("own", "made"))
+    assert_close(made.rotations_local, own.rotations_local, rtol=0, atol=1e-4)
+    assert walk(walker, tmp_path / "none.npz", "--mode", "quick") == 2
+    assert "choose 'exact' or 'fast'" in capsys.readouterr().err
+    assert walk(walker, tmp_path / "none.npz", "--mode", "fast") == 2  # 32 units are no large layer
 
 
 def test_a_walk_may_have_its_feet_pinned(

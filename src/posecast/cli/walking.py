@@ -13,10 +13,14 @@ import torch
 from posecast.config import did_you_mean
 from posecast.errors import ConfigError
 from posecast.export import Stepper
+from posecast.export.stepper import check_mode
 from posecast.generation import Course, GaitTable, Walk, arriving, pace_by_hand, walked_clip
 from posecast.io.path_files import read_waypoints
 from posecast.motion import Clip, find_feet, leg_length, path_scale
 from posecast.system import System
+
+WORTHWHILE = 1000
+"""Frames from which on a faster step is worth the seconds that it takes to make it."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +77,7 @@ def walk_along(system: System, file: Path, wishes: Wishes) -> tuple[Clip, Course
         offsets,
         system.fps,
         style=style,
-        stepper=Stepper(system.forecaster, cast("Any", wishes.mode)),
+        stepper=_stepper(system, wishes, course),
     )
     return walked_clip(walk, wishes.seconds, name=file.stem), course
 
@@ -110,6 +114,15 @@ def style_number(system: System, name: str | None, *, option: str = "--style") -
     if name not in styles:
         raise ConfigError(f"{option} {name}: unknown; {did_you_mean(name, styles)}")
     return styles.index(name)
+
+
+def _stepper(system: System, wishes: Wishes, course: Course) -> Stepper | None:
+    """What steps in the network's place; ``None`` where making it takes longer than it saves."""
+    check_mode(wishes.mode)
+    seconds = course.duration if wishes.seconds is None else wishes.seconds
+    if wishes.mode == "exact" and seconds * system.fps < WORTHWHILE:
+        return None
+    return Stepper(system.forecaster, cast("Any", wishes.mode))
 
 
 def _arrival(wish: str, waypoints: int) -> tuple[int, float]:
