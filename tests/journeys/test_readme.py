@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shlex
+import shutil
 from pathlib import Path
 
 import pytest
@@ -35,13 +36,14 @@ def _commands() -> list[list[str]]:
 
 @pytest.fixture
 def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder with a walk, and a folder of ten walks, as the README's reader would have."""
+    """A folder with a walk, the examples, and ten walks, as the reader of the README would have."""
     monkeypatch.chdir(tmp_path)
     folder = tmp_path / "data" / "my-folder"
     folder.mkdir(parents=True)
     for index in range(10):
         write_clip(make_clip(index, fps=50.0, seconds=3.0), folder / f"walk_{index}.bvh")
     write_clip(make_clip(10, fps=50.0, seconds=3.0), tmp_path / "walk.bvh")
+    shutil.copytree(README.parent / "examples", tmp_path / "examples")
     return tmp_path
 
 
@@ -55,12 +57,15 @@ def test_the_commands_and_the_script_of_the_readme_work(desk: Path) -> None:
         "train",
         "evaluate",
         "forecast",
+        "models",
+        "walk",
     ]
     for command in commands:
         _succeed([*command, *(SHORT if command[0] == "train" else ())])
     assert read_clip(desk / "walk.npz").frames == 150
     assert (desk / "walk.gif").read_bytes()[:3] == b"GIF"
     assert read_clip(desk / "forecast.bvh").frames == 200
+    assert read_clip(desk / "eight.bvh").frames > 500
     scripts = _blocks("python")
     assert len(scripts) == 1
     (desk / "forecast.bvh").unlink()
