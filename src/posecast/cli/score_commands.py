@@ -39,8 +39,9 @@ def evaluate(
     systems: Annotated[
         list[str],
         typer.Argument(
-            help="Checkpoint folders, or zero-velocity, running-average-2, running-average-4, "
-            "mean-pose. Several checkpoints are runs of one system: mean and spread are reported. "
+            help="Checkpoint folders or names of posecast models, or zero-velocity, "
+            "running-average-2, running-average-4, mean-pose. Several checkpoints are runs of one "
+            "system: mean and spread are reported. "
             "And options of corpus and protocol, such as protocol.joints=null, and model.feedback."
         ),
     ],
