@@ -68,6 +68,8 @@ def export(
     from posecast.system import load, save
 
     if half:
+        if mode != "exact" or as_json:
+            raise ConfigError("--half writes a checkpoint and no step; leave --mode and --json out")
         save(load(checkpoint), out, half=True)
         say(f"{out} written: {(out / WEIGHTS).stat().st_size / 1e6:.1f} MB of weights")
         return
