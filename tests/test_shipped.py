@@ -92,6 +92,8 @@ def test_a_fast_walk_is_nearly_the_exact_one(tmp_path):
 
 def test_half_precision_is_read_back_as_single(tmp_path):
     assert run("export", "locomotion", "--half", "--out", tmp_path / "again") == 0
+    sizes = [(folder / WEIGHTS).stat().st_size for folder in (MODELS[0].folder, tmp_path / "again")]
+    assert sizes[0] == sizes[1]
     assert run("export", "locomotion", "--half", "--json", "--out", tmp_path / "other") == 2
     assert not (tmp_path / "other").exists()
     first, second = load("locomotion"), load(tmp_path / "again")

@@ -6,8 +6,9 @@ import pytest
 import torch
 
 from posecast.errors import ConfigError
-from posecast.model import rollout
+from posecast.model import ControlLayers, DenseHead, Forecaster, GRUBackbone, rollout
 from posecast.model.rollout import gated_rollout
+from posecast.representation import Codec, Controls, Quaternion
 from posecast.training import Adversary, Objective, Plan
 from posecast.training.recording import Recorder, check_recording
 from posecast.training.sampling import Windows
@@ -47,6 +48,33 @@ def test_a_gated_rollout_is_the_rollout(tiny, pattern, feedback_gradient):
         torch.testing.assert_close(one, other, rtol=1e-5, atol=1e-6)
     for one, other in zip(*gradients, strict=True):
         torch.testing.assert_close(one, other, rtol=1e-4, atol=1e-5)
+
+
+@pytest.mark.parametrize("pattern", MASKS)
+def test_a_gated_rollout_steers_every_frame_with_its_own_controls(tiny, pattern):
+    codec = Codec(tiny.SKELETON, Quaternion(), root="path", controls=Controls())
+    forecaster = Forecaster(
+        codec,
+        backbone=lambda inputs: GRUBackbone(inputs, hidden=24, layers=1),
+        head=DenseHead,
+        controls=ControlLayers(codec.controls.dim),
+    )
+    generator = torch.Generator().manual_seed(3)
+    forecaster.reset_parameters(generator)
+    features = torch.randn(2, 9, codec.feature_dim, generator=generator)
+    controls = torch.randn(2, 9, codec.controls.dim, generator=generator)
+    found = [
+        roll(
+            forecaster,
+            features[:, :5],
+            4,
+            truth=features[:, 5:],
+            truth_mask=torch.tensor(pattern),
+            controls=controls,
+        ).features
+        for roll in (rollout, gated_rollout)
+    ]
+    torch.testing.assert_close(*found, rtol=1e-5, atol=1e-6)
 
 
 def test_what_is_recorded_is_the_loss_of_a_step(tiny):
